@@ -1057,7 +1057,7 @@ FLEET = [
     *_in(
         'fleet/window',
         'forgetting',
-        ('test/fleet/test_mounted_memory.py',),
+        ('test/fleet/test_window_soundness.py::test_after_a_broken_bound_the_window_recovers',),
         (
             'what sensors measured is not forgotten',
             'return frozenset(product(config.points_on(body), theirs))',

@@ -24,13 +24,6 @@ from dg_localization.fleet.error_models import distance_bounds_m, likeliest_dist
 EXACT = Choice(keep=1.0, margin=0.0)
 
 
-def test_the_shortest_band_leaves_out_the_extremes():
-    values = [0.0, 0.1, 0.2, 0.3, 9.0, -5.0]
-    assert shortest_band(values, 1.0) == (-5.0, 9.0)
-    assert shortest_band(values, 4 / 6) == (0.0, 0.3)
-    assert shortest_band([3.0], 0.5) == (3.0, 3.0)
-
-
 @pytest.mark.parametrize('keep', [0.5, 0.9, 0.95, 0.999, 1.0])
 def test_the_band_holds_its_share_and_none_shorter_does(keep):
     rng = np.random.default_rng(3)

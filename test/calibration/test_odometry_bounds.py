@@ -16,7 +16,7 @@ from dg_localization.calibration.odometry import (
 )
 from dg_localization.calibration.truth import TrueTrack
 from dg_localization.fleet import OdometryErrorModel
-from dg_localization.fleet.rotations import quaternion_product, rotation_of_quaternion
+from dg_localization.fleet.rotations import quaternion_product
 from dg_localization.simulation.moving_fleet import FleetMotion, Path
 from dg_localization.simulation.odometry import FleetOdometry, OdometryErrors
 
@@ -95,21 +95,6 @@ def test_a_scale_that_may_not_be_stated_is_not_learned(scale):
     fit = fit_odometry(windows_of(OdometryErrors(0.05, 0.05), scale=scale), EXACT)
     assert fit.translation_scale == 1.0
     assert fit.translation_per_m + fit.constant_m > 0.9
-
-
-def test_errors_of_the_heading_do_not_count_as_those_of_the_way():
-    windows = windows_of(OdometryErrors(0.0, 0.0, 0.0, 0.3))
-    fit = fit_odometry(windows, EXACT)
-    assert windows.error_rad.max() > 0.2
-    assert fit.translation_per_m < 0.01 and fit.constant_m < 0.01
-
-
-def test_latency_is_a_constant():
-    windows = windows_of(OdometryErrors(0.0, 0.0, 0.0, 0.0, latency_s=0.5))
-    fit = fit_odometry(windows, EXACT)
-    # At 0.2 m/s on circles of at least 0.6 m.
-    assert 0.05 < fit.constant_rad < 0.2
-    assert fit.rotation_per_rad < 0.05
 
 
 def planar_drive(seconds=60.0, every_s=0.1):
@@ -199,20 +184,6 @@ def test_in_space_turns_are_those_of_the_whole_body(upright):
     # How far it rolls counts; where errors of roll are not stated otherwise, so do they.
     assert windows.turn_rad.max() > 1.0
     assert windows.error_rad.max() == pytest.approx(0.0 if upright else 0.2, abs=0.01)
-
-
-@pytest.mark.parametrize('believed_rad', [0.0, 0.1])
-def test_in_space_wrong_pitch_of_upright_odometry_is_an_error_per_m(believed_rad):
-    """The robot drives level; where its odometry takes the nose to be up, it reports a climb."""
-    stamps, places, yaws = planar_drive()
-    truth = TrueTrack(stamps, places, quaternions(yaws))
-    pitch = np.array([0.0, -np.sin(believed_rad / 2.0), 0.0, np.cos(believed_rad / 2.0)])
-    turns = rotation_of_quaternion([quaternion_product(yaw, pitch) for yaw in quaternions(yaws)])
-    steps = 0.03 * turns[:, :, 0]
-    windows = odometry_windows(stamps, np.cumsum(steps, axis=0) - steps, turns, truth, 3)
-    fit = fit_odometry(windows, EXACT)
-    # A step is off by the chord of the pitch.
-    assert fit.translation_per_m + fit.constant_m == pytest.approx(believed_rad, abs=5e-3)
 
 
 STATED = OdometryErrorModel(0.1, 0.03, 0.02, 0.2, 0.05, 0.06, translation_scale=0.9)

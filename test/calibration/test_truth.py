@@ -65,12 +65,6 @@ def test_the_ends_are_known_to_a_stamp_that_is_rounded_otherwise(start_s, off_s)
     assert np.isnan(track.positions_at(stamps[[0, -1]] + [-1e-5, 1e-5])).all()
 
 
-def test_an_anchor_is_known_at_all_times_and_has_no_heading():
-    anchor = TrueTrack.at_rest((1.0, 2.0))
-    np.testing.assert_array_equal(anchor.positions_at([-1e9, 5.0]), [[1, 2, 0], [1, 2, 0]])
-    assert np.isnan(anchor.rotations_at([0.0])).all()
-
-
 def test_errors_of_ranges_and_rays():
     places, yaws = circle(STAMPS)
     robot, beacon = TrueTrack(STAMPS, places, turned(yaws)), TrueTrack.at_rest((5.0, 1.0))

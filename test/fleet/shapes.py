@@ -86,3 +86,11 @@ def without(columns, edge):
 def in_space(coordinates_m):
     """Return coordinates of the plane or of space in space."""
     return np.append(coordinates_m, np.zeros(3 - len(coordinates_m)))
+
+
+def random_rotation(rng, dimension):
+    """Draw a body frame: any in space, about the vertical axis in the plane."""
+    if dimension == 2:
+        return turn(2, rng.uniform(-3.0, 3.0))
+    turned, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    return turned * np.linalg.det(turned)

@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+from shapes import random_rotation
 
 from dg_localization.fleet import (
     Anchor,
@@ -16,24 +17,12 @@ from dg_localization.fleet import (
     OdometryErrorModel,
     RangeErrorModel,
 )
-from dg_localization.fleet.best_point.normal_equations import normal_equations
-from dg_localization.fleet.best_point.terms import PLACE, RANGE, RAY, STEP, TURN, Term, Terms
-from dg_localization.fleet.error_models import likeliest_distance_m
 
 NOW_S = 10.0
 RANGE_ERROR = 0.03
 RAY_ERROR_RAD = 0.05
 ANCHORS = {2: np.array([[0.0, 0.0], [9.0, 0.0], [2.0, 8.0]])}
 ANCHORS[3] = np.vstack([np.pad(ANCHORS[2], ((0, 0), (0, 1))), [4.0, 4.0, 7.0]])
-
-
-def rotation(rng, dimension):
-    """Return a body frame: any in space, about the vertical axis in the plane."""
-    if dimension == 3:
-        turned, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-        return turned * np.linalg.det(turned)
-    c, s = np.cos(angle := rng.uniform(-3.0, 3.0)), np.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 class Fleet:
@@ -53,7 +42,7 @@ class Fleet:
                 bearing_half_width_rad=RAY_ERROR_RAD,
             )
         )
-        frames = [rotation(rng, dimension) for _ in self.robots]
+        frames = [random_rotation(rng, dimension) for _ in self.robots]
         names = [*self.robots, *self.anchors]
         for i, j in permutations(range(len(names)), 2):
             if i >= robots:
@@ -79,74 +68,6 @@ def inside(placement):
     low, high = placement.enclosure_m[known, 0], placement.enclosure_m[known, 1]
     points = placement.positions_m[known]
     return bool((low <= points).all() and (points <= high).all())
-
-
-def distance(first, second, distance_m, half_width_m):
-    return Term(RANGE, first, second, (distance_m, 0.0, 0.0), half_width_m)
-
-
-def random_terms(rng, bodies):
-    """Return some terms of every kind, with arms."""
-    terms = [Term(PLACE, 0, 0, rng.normal(size=3), 0.3)]
-    for first, second in permutations(range(bodies), 2):
-        arms = rng.normal(size=(2, 3))
-        ray = rng.normal(size=3)
-        terms.append(
-            distance(first, second, rng.uniform(1.0, 4.0), 0.2)._replace(
-                first_arm_m=arms[0], second_arm_m=arms[1]
-            )
-        )
-        terms.append(Term(RAY, first, second, ray / np.linalg.norm(ray), 0.1, *arms))
-    return terms
-
-
-def random_steps(rng, bodies):
-    """Return steps and turns of odometry from each body to the next."""
-    pairs = np.array([(k, k + 1) for k in range(bodies - 1) for _ in (STEP, TURN)])
-    arms_m = rng.normal(size=(len(pairs), 2, 3))
-    axes = rng.normal(size=(len(pairs), 3))
-    axes /= np.linalg.norm(axes, axis=1)[:, None]
-    kinds = np.array([STEP, TURN] * (bodies - 1))
-    return Terms(kinds, pairs, arms_m, axes, np.full(len(pairs), 5.0))
-
-
-def cost_and_slope(packed, robust, positions_m, rotations, columns):
-    matrix, vector = np.empty((18, 18)), np.empty(18)
-    cost = normal_equations(*packed, robust, positions_m, rotations, columns, matrix, vector)
-    return cost, matrix, vector
-
-
-def turn(axis, angle_rad):
-    a, b = (axis + 1) % 3, (axis + 2) % 3
-    matrix = np.eye(3)
-    matrix[a, a] = matrix[b, b] = math.cos(angle_rad)
-    matrix[b, a] = math.sin(angle_rad)
-    matrix[a, b] = -matrix[b, a]
-    return matrix
-
-
-@pytest.mark.parametrize('seed', range(5))
-@pytest.mark.parametrize('robust', [False, True])
-def test_the_gradient_is_that_of_the_cost(seed, robust):
-    rng = np.random.default_rng(seed)
-    packed = Terms.joined([Terms.of(random_terms(rng, 3)), random_steps(rng, 3)])
-    columns = np.arange(18).reshape(3, 6)
-    positions_m = rng.normal(size=(3, 3))
-    rotations = np.array([rotation(rng, 3) for _ in range(3)])
-    _, matrix, vector = cost_and_slope(packed, robust, positions_m, rotations, columns)
-    step = 1e-6
-    for body, axis in np.ndindex(3, 6):
-        costs = []
-        for sign in (1.0, -1.0):
-            moved, turned = positions_m.copy(), rotations.copy()
-            if axis < 3:
-                moved[body, axis] += sign * step
-            else:
-                turned[body] = turn(axis - 3, sign * step) @ turned[body]
-            costs.append(cost_and_slope(packed, robust, moved, turned, columns)[0])
-        slope = (costs[0] - costs[1]) / (2.0 * step)
-        assert 2.0 * vector[6 * body + axis] == pytest.approx(slope, rel=1e-4, abs=1e-3)
-    assert np.allclose(matrix, matrix.T) and np.linalg.eigvalsh(matrix).min() > -1e-6
 
 
 @pytest.mark.parametrize('dimension', [2, 3])
@@ -290,21 +211,6 @@ def test_robots_that_hardly_anything_ties_to_the_rest_have_points(far_m, near_m)
             variances_m2 = placement.covariances[:, [0, 1], [0, 1]]
             assert np.all(variances_m2 <= 1.02 * sides_m**2)
             assert np.all(variances_m2[1:, 0] > 0.1 * min(0.03 * far_m, 1e6) ** 2)
-
-
-@pytest.mark.parametrize(
-    'bounds, expected, likeliest_m',
-    [
-        ((-0.2, 0.2), None, 5.0),
-        ((-0.2, 1.0), None, 4.8),
-        ((0.2, 0.4), None, 4.75),
-        ((-0.2, 1.0), 0.3, 4.7),
-    ],
-)
-def test_likeliest_distance(bounds, expected, likeliest_m):
-    model = RangeErrorModel(*bounds, 0.0, 0.0, expected_error_m=expected)
-    assert likeliest_distance_m(model, 5.0) == pytest.approx(likeliest_m)
-    assert math.isnan(likeliest_distance_m(model, math.inf))
 
 
 def test_the_expected_error_moves_the_point_and_not_the_bounds():

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from shapes import holds
 
 from dg_localization.fleet import (
     Anchor,
@@ -38,11 +39,6 @@ def add_ranges(localizer, place, stamp_s, now_s, names='abcd'):
 def add_odometry(localizer, x_m, stamp_s, now_s, **pose):
     rejection = localizer.add_odometry('r', (x_m, 0.0, 0.0), LEVEL, stamp_s, now_s, 'odom', **pose)
     assert rejection is None
-
-
-def holds(estimate, place):
-    boxes = [placement.enclosure_m[0] for placement in estimate.placements]
-    return any(np.all((low <= place) & (place <= high)) for low, high in boxes)
 
 
 def input_of(localizer, kind, now_s):

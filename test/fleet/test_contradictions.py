@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+from shapes import holds
 
 from dg_localization import SolverOptions, Verdict
 from dg_localization.fleet import (
@@ -53,14 +54,6 @@ def feed(localizer, stamp_s=NOW_S, wrong=(), errors=2.0):
 def truth():
     """Return the fleet with a in the origin and b on the x axis, and its mirror image."""
     return POSITIONS, POSITIONS * [1.0, -1.0]
-
-
-def holds(estimate, positions):
-    return any(
-        (positions >= p.enclosure_m[:, 0] - 1e-9).all()
-        and (positions <= p.enclosure_m[:, 1] + 1e-9).all()
-        for p in estimate.placements
-    )
 
 
 def test_a_contradiction_gives_nothing_but_its_cause():

@@ -81,6 +81,16 @@ def test_bounds_that_grow_with_the_range_may_cross():
         RangeErrorModel(0.0, 0.0, 0.07, 0.05)
 
 
+@pytest.mark.parametrize(
+    ('bounds', 'expected_m', 'likeliest_m'),
+    [((-0.2, 1.0), None, 4.8), ((0.2, 0.4), None, 4.75), ((-0.2, 1.0), 0.3, 4.7)],
+)
+def test_the_likeliest_error_is_near_zero_or_as_is_stated(bounds, expected_m, likeliest_m):
+    model = RangeErrorModel(*bounds, 0.0, 0.0, expected_error_m=expected_m)
+    assert likeliest_distance_m(model, 5.0) == pytest.approx(likeliest_m)
+    assert math.isnan(likeliest_distance_m(model, math.inf))
+
+
 def test_the_likeliest_error_may_grow_with_the_range():
     model = RangeErrorModel(-1.0, 1.0, 0.0, 0.1, expected_error_relative=0.0625)
     assert likeliest_distance_m(model, 32.0) == 30.0

@@ -123,16 +123,6 @@ def test_anchors_give_the_frame_and_the_chirality():
     assert placement.landmark_enclosure_m[:, 0] == pytest.approx(rows(places)[4:])
 
 
-def test_parked_robots_may_be_the_anchors():
-    anchors = {name: Anchor(SQUARE[name], 0.01) for name in 'abd'}
-    localizer = make_localizer(SQUARE, anchors=anchors, reference_robot='c')
-    add_ranges(localizer, SQUARE)
-    estimate = localizer.step(NOW_S)
-    (placement,) = estimate.placements
-    assert estimate.landmarks == ()
-    assert_holds(placement, rows(SQUARE))
-
-
 def test_a_fleet_away_from_the_anchors_has_no_place():
     anchors = {'p': Anchor((10.0, 10.0)), 'q': Anchor((-5.0, 9.0))}
     localizer = make_localizer(SQUARE, anchors=anchors)
@@ -230,17 +220,6 @@ def test_what_a_limit_left_open_among_the_others_is_open_in_the_fleet(beacons):
     assert len(estimate.groups[-1].robots) == 6
     assert estimate.verdict is (None if beacons else Verdict.OUT_OF_BUDGET)
     assert 'the search stopped at its budget' in estimate.reason
-
-
-def test_a_contradiction_among_the_others_is_one_of_the_fleet():
-    far = {'e': (50.0, 50.0), 'f': (53.0, 50.0), 'g': (50.0, 54.0)}
-    localizer = make_localizer([*SQUARE, *far])
-    add_ranges(localizer, SQUARE)
-    add_ranges(localizer, far, [('e', 'f'), ('e', 'g')])
-    localizer.add_range('f', 'g', 20.0, NOW_S, NOW_S)
-    estimate = localizer.step(NOW_S)
-    assert estimate.verdict is Verdict.INFEASIBLE
-    assert estimate.placements == estimate.groups == ()
 
 
 def test_headings_that_contradict_rays_are_found_in_every_group():

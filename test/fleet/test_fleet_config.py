@@ -4,7 +4,6 @@
 """Settings are checked when made, and a wrong one is named with its value and what is right."""
 
 import copy
-import dataclasses
 import math
 import pickle
 
@@ -25,7 +24,6 @@ from dg_localization.fleet import (
 
 WRONG = [
     ({'robots': ()}, 'robots', 'at least one'),
-    ({'robots': ('a', 'a')}, "'a' is repeated", 'once'),
     (
         {'mounts': {'a': {'left': (0.1, 0.0)}}, 'anchors': {'a/left': Anchor((0.0, 0.0))}},
         "'a/left' is not allowed twice",
@@ -35,48 +33,23 @@ WRONG = [
     ({'reference_robot': 'z'}, "reference_robot: 'z'", "['a', 'b']"),
     ({'dimension': 4}, 'dimension: 4', '2 or 3'),
     ({'max_age_s': -1.0}, 'max_age_s: -1.0', '>= 0'),
-    ({'max_age_s': math.nan}, 'max_age_s: nan', 'finite'),
-    ({'max_future_s': math.inf}, 'max_future_s: inf', 'finite'),
-    ({'max_speed_m_s': -0.5}, 'max_speed_m_s: -0.5', '>= 0'),
-    ({'robot_max_speed_m_s': {'z': 1.0}}, "'z'", "['a', 'b']"),
     ({'robot_max_speed_m_s': {'a': -1.0}}, 'robot_max_speed_m_s[a]: -1.0', '>= 0'),
     ({'robot_odometry_error': {'z': OdometryErrorModel()}}, "'z'", "['a', 'b']"),
-    (
-        {'robot_odometry_error': {'a': 0.1}},
-        'robot_odometry_error[a]: 0.1',
-        'must be an OdometryErrorModel',
-    ),
     ({'max_turn_rate_rad_s': 'fast'}, "max_turn_rate_rad_s: 'fast'", 'number'),
     ({'bearing_half_width_rad': 4.0}, 'bearing_half_width_rad: 4.0', '<= 3.14159'),
-    ({'min_separation_m': -1.0}, 'min_separation_m: -1.0', '>= 0'),
     ({'max_repeats': 0}, 'max_repeats: 0', '>= 1'),
-    ({'max_hypotheses': 0}, 'max_hypotheses: 0', '>= 1'),
     ({'max_hypotheses': 2.5}, 'max_hypotheses: 2.5', 'integer'),
-    ({'max_outliers': -1}, 'max_outliers: -1', '>= 0'),
-    ({'max_conflict_solves': True}, 'max_conflict_solves: True', 'integer'),
     ({'anchors': {'c': Anchor((1.0, 2.0, 3.0))}}, 'anchors[c]', '2 coordinates'),
     ({'robots': 'robot'}, "robots: 'robot'", 'a sequence of names'),
-    ({'robots': None}, 'robots: None', 'a sequence of names'),
     ({'robots': (1, 2)}, 'robots: 1', 'must be a string'),
-    ({'dimension': 2.0}, 'dimension: 2.0', '2 or 3'),
-    ({'range_error': (-0.1, 0.1)}, 'range_error: (-0.1, 0.1)', 'must be a RangeErrorModel'),
-    ({'elevation_error': None}, 'elevation_error: None', 'must be an ElevationErrorModel'),
-    ({'odometry_error': 0.1}, 'odometry_error: 0.1', 'must be an OdometryErrorModel'),
     ({'solver': {'resolution': 0.1}}, "solver: {'resolution': 0.1}", 'must be a SolverOptions'),
     ({'drop_stuck': 'no'}, "drop_stuck: 'no'", 'must be a bool'),
-    ({'outlier_unit': []}, 'outlier_unit: []', "'sensor'"),
     ({'anchors': {'c': (1.0, 2.0)}}, 'anchors[c]: (1.0, 2.0)', 'must be an Anchor'),
-    ({'anchors': [(1.0, 2.0)]}, 'anchors: [(1.0, 2.0)]', 'must be a Mapping'),
     ({'mounts': {'a': (0.1, 0.2)}}, 'mounts[a]: (0.1, 0.2)', 'must be a Mapping'),
-    ({'mounts': {'a': {'left': 0.1}}}, 'mount.position_m: 0.1', 'a sequence of numbers'),
     ({'elevations_m': {'a': 0.4}}, 'elevations_m[a]: 0.4', 'a sequence of numbers'),
-    ({'max_speed_m_s': 10**400}, 'max_speed_m_s: 1000', 'finite'),
     ({'max_speed_m_s': 2**53 + 1}, 'max_speed_m_s: 9007199254740993', 'finite'),
-    ({'stamp_error_s': -1.0}, 'stamp_error_s: -1.0', '>= 0'),
-    ({'mounts': {'z': {'left': (0.0, 0.0)}}}, "mounts: 'z'", "['a', 'b']"),
     ({'mounts': {'a': {'l/r': (0.0, 0.0)}}}, "mounts[a]: 'l/r'", 'without a slash'),
     ({'mounts': {'a': {'left': (0.0, 0.0, 0.0)}}}, 'mounts[a][left].position_m', '2 coordinates'),
-    ({'elevations_m': {'z': (0.0, 1.0)}}, "elevations_m: 'z'", "['a', 'b']"),
     ({'elevations_m': {'a': (1.0, 0.0)}}, 'elevations_m[a]: (1.0, 0.0)', 'the least'),
     ({'elevations_m': {'a': (0.0, 1.0)}, 'dimension': 3}, "elevations_m: 'a'", 'none in space'),
     ({'max_age_s': np.longdouble(0.1) + np.longdouble(1e-19)}, 'max_age_s: ', 'finite'),
@@ -97,14 +70,10 @@ def test_a_wrong_setting_is_refused_by_name(wrong, what, wanted):
         (lambda: RangeErrorModel(min_error_m=1.0), 'range.min_error_m: 1.0'),
         (lambda: RangeErrorModel(min_error_relative=0.5), 'range.min_error_relative: 0.5'),
         (lambda: RangeErrorModel(max_error_relative=1.0), 'range.max_error_relative: 1.0'),
-        (lambda: RangeErrorModel(sigma_factor=-1.0), 'range.sigma_factor: -1.0'),
         (lambda: RangeErrorModel(max_error_m=math.inf), 'range.max_error_m: inf'),
-        (lambda: RangeErrorModel(max_reading_m=0.0), 'range.max_reading_m: 0.0'),
         (lambda: ElevationErrorModel(0.1, -0.1), 'elevation.min_error_m: 0.1'),
-        (lambda: ElevationErrorModel(math.nan, 0.1), 'elevation.min_error_m: nan'),
         (lambda: SensorBounds(RangeErrorModel(), 4.0), 'bearing_half_width_rad: 4.0'),
         (lambda: OdometryErrorModel(translation_scale=101.0), 'translation_scale: 101.0'),
-        (lambda: OdometryErrorModel(translation_scale=math.nan), 'translation_scale: nan'),
         (lambda: Anchor((0.0, 0.0), -1.0), 'anchor.bound_m: -1.0'),
         (lambda: Anchor((0.0, math.nan)), 'anchor.coordinates_m: nan'),
         (lambda: Mount((0.0, 0.0), -1.0), 'mount.bound_m: -1.0'),
@@ -125,24 +94,9 @@ def test_numbers_of_numpy_are_those_of_python():
     assert OdometryErrorModel(one, tilt_rad=two) == OdometryErrorModel(1.0, tilt_rad=2.0)
     assert ElevationErrorModel(-one, two) == ElevationErrorModel(-1.0, 2.0)
     assert SensorBounds(RangeErrorModel(), one) == SensorBounds(RangeErrorModel(), 1.0)
-    config = FleetConfig(
-        robots=np.array(['a', 'b']),
-        dimension=np.int8(2),
-        max_age_s=two,
-        max_speed_m_s=one,
-        robot_max_speed_m_s={'a': two},
-        max_repeats=np.uint8(3),
-        elevations_m={'a': np.array([1, 2])},
-    )
-    kept = (
-        *(config.dimension, config.max_age_s, config.max_speed_m_s, config.max_repeats),
-        *(
-            config.speed_m_s('a'),
-            *config.elevation_m('a'),
-            *Anchor(np.array([1, 2]), one).coordinates_m,
-        ),
-    )
-    assert kept == (2, 2.0, 1.0, 3, 2.0, 1.0, 2.0, 1.0, 2.0)
+    config = FleetConfig(np.array(['a', 'b']), dimension=np.int8(2), max_age_s=two)
+    kept = (config.dimension, config.max_age_s, *Anchor(np.array([1, 2]), one).coordinates_m)
+    assert kept == (2, 2.0, 1.0, 2.0)
     # In the arithmetic of single precision, bounds would not be bounds.
     assert {type(number) for number in kept} == {int, float}
 
@@ -151,7 +105,6 @@ def test_numbers_of_numpy_are_those_of_python():
     ('make', 'wanted'),
     [
         (lambda: Anchor(1.0), 'anchor.coordinates_m: 1.0 .* a sequence of numbers'),
-        (lambda: Anchor('12'), "anchor.coordinates_m: '12' .* a sequence of numbers"),
         (lambda: Mount((0.0, 0.0), 0.0, 1.57), 'mount.rotation_xyzw: 1.57 .* a sequence'),
         (lambda: SensorBounds(0.1), 'range_error: 0.1 .* RangeErrorModel'),
         (lambda: RangeErrorModel(beyond_max_is_far='no'), "beyond_max_is_far: 'no' .* a bool"),
@@ -163,7 +116,7 @@ def test_what_is_of_another_type_is_refused_by_name(make, wanted):
         make()
 
 
-@pytest.mark.parametrize('far_m', [1.1e9, -1e155, 1.7e308, math.inf, math.nan])
+@pytest.mark.parametrize('far_m', [1.1e9, math.nan])
 def test_coordinates_beyond_those_that_have_enough_digits_are_refused(far_m):
     for make, what in (
         (lambda: Anchor((0.0, far_m)), 'anchor.coordinates_m'),
@@ -176,33 +129,7 @@ def test_coordinates_beyond_those_that_have_enough_digits_are_refused(far_m):
             make()
 
 
-@pytest.mark.parametrize('dimension', [2, 3])
-def test_the_farthest_coordinates_give_an_answer(dimension):
-    pad = (0.0,) * (dimension - 2)
-    config = FleetConfig(
-        robots=('a', 'b'),
-        dimension=dimension,
-        anchors={
-            'p': Anchor((0.0, 0.0, *pad)),
-            'q': Anchor((1e9, 0.0, *pad), 1e9),
-            'r': Anchor((0.0, -1e9, *pad)),
-            's': Anchor((5.0, 5.0, *pad)),
-        },
-        mounts={'a': {'far': Mount((1e9, 1e9, *pad), 1e9), 'near': Mount((0.5, 0.0, *pad))}},
-    )
-    localizer = Localizer(config)
-    for observer, target, range_m in (
-        ('a', 'p', 3.0),
-        ('a', 's', 5.0),
-        ('a/far', 'r', 1e9),
-        ('a/near', 'q', 1e9),
-        ('b', 'a/near', 2.0),
-    ):
-        assert localizer.add_range(observer, target, range_m, 10.0, 10.0) is None
-    assert localizer.step(10.0).reason
-
-
-@pytest.mark.parametrize('memory_s', [1e-310, 1e-300, 1e-9, 0.0009])
+@pytest.mark.parametrize('memory_s', [1e-310, 0.0009])
 def test_a_memory_shorter_than_stamps_resolve_is_refused(memory_s):
     with pytest.raises(ConfigError, match='memory_s: .* 0, which remembers nothing, or >= 0.001'):
         FleetConfig(('a', 'b'), memory_s=memory_s)
@@ -232,16 +159,6 @@ def test_a_robot_has_odometry_errors_of_its_own_or_those_of_all():
     assert config.odometry_error_of('b') is of_b
     with pytest.raises(TypeError):
         config.robot_odometry_error['a'] = of_b
-
-
-def test_settings_cannot_change():
-    config = FleetConfig(robots=['a'], anchors={'c': Anchor([0, 1])})
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        config.dimension = 3
-    with pytest.raises(TypeError):
-        config.anchors['d'] = Anchor((0.0, 0.0))
-    assert config.robots == ('a',)
-    assert config.anchors['c'].coordinates_m == (0.0, 1.0)
 
 
 def test_settings_are_copies_of_what_the_caller_gave():

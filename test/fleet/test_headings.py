@@ -7,30 +7,12 @@ import math
 
 import numpy as np
 import pytest
+from shapes import angle_of, rotation_about, turn
 
 from dg_localization.fleet.frames.headings import estimate_heading, heading_within
-from dg_localization.fleet.rotations import yaw_of
+from dg_localization.fleet.rotations import rotation_of_quaternion, yaw_of
 from dg_localization.fleet.vocabulary import LinkKey, LinkKind, RayReading
 from dg_localization.interval.arrays import Interval
-
-
-def rotation_about(vector):
-    angle = np.linalg.norm(vector)
-    x, y, z = vector / max(angle, 1e-12)
-    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew
-
-
-def matrix_of(quaternion):
-    vector, w = quaternion[:3], quaternion[3]
-    length = np.linalg.norm(vector)
-    return rotation_about(vector / max(length, 1e-12) * 2.0 * np.arctan2(length, w))
-
-
-def angle_of(rotation):
-    axis = rotation - rotation.T
-    sine = np.linalg.norm([axis[2, 1], axis[0, 2], axis[1, 0]])
-    return math.atan2(sine, np.trace(rotation) - 1.0)
 
 
 def some_rotation(rng, q, angle_rad):
@@ -64,7 +46,7 @@ def test_the_true_heading_is_within_the_half_width(q, size_m):
         found = estimate_heading(rows, rays, positions, enclosure)
         if found is not None:
             known += 1
-            wrong = matrix_of(found.orientation_xyzw).T @ heading
+            wrong = rotation_of_quaternion(found.orientation_xyzw).T @ heading
             assert angle_of(wrong) <= found.half_width_rad + 1e-9
     assert known > 100
 
@@ -72,9 +54,7 @@ def test_the_true_heading_is_within_the_half_width(q, size_m):
 @pytest.mark.parametrize('arc_rad', [(-3.0, 3.0), (0.5, 6.0), (-1.0, 0.0)])
 def test_an_arc_is_within_the_half_width_which_is_at_most_half_a_turn(arc_rad):
     for fitted_rad in np.linspace(-3.1, 3.1, 9):
-        c, s = math.cos(fitted_rad), math.sin(fitted_rad)
-        fitted = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        heading = heading_within(None, arc_rad, fitted)
+        heading = heading_within(None, arc_rad, turn(2, fitted_rad))
         assert heading.half_width_rad <= math.pi
         for true_rad in np.linspace(*arc_rad, 50):
             off_rad = math.remainder(true_rad - yaw_of(heading.orientation_xyzw), math.tau)

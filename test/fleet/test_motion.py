@@ -9,6 +9,7 @@ import math
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
+from shapes import attitude
 
 from dg_localization.fleet.motion import Motion, OdometryTrack
 from dg_localization.fleet.odometry_error import OdometryErrorModel
@@ -24,11 +25,6 @@ def motion_of(*readings, speed=1e9, turn_rate=1.0, **errors):
     for reading in readings:
         track.append(reading)
     return Motion({'a': speed}, turn_rate, {'a': error}, {'a': track.readings})
-
-
-def yaw_rotation(yaw):
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 @settings(deadline=None)
@@ -66,14 +62,14 @@ def test_a_way_whose_steps_err_by_their_bounds_stays_within(seed):
     pose, stated, readings, sign = np.zeros(3), np.zeros(3), [], rng.choice([-1.0, 1.0])
     for k in range(12):
         place = np.array([*stated[:2], 0.0])
-        readings.append(OdometryReading(1.0 + k, place, yaw_rotation(stated[2])))
+        readings.append(OdometryReading(1.0 + k, place, attitude(stated[2])))
         way, turn = rng.uniform(0.0, 1.0), rng.uniform(-1.0, 1.0)
         off_m = error.translation_per_m * way + error.translation_per_rad * abs(turn)
         off_rad = error.rotation_per_m * way + error.rotation_per_rad * abs(turn)
         for moved, longer, more in ((stated, 0.0, 0.0), (pose, off_m, sign * off_rad)):
             step = (way + 0.999 * longer) * np.array([np.cos(moved[2]), np.sin(moved[2])])
             moved += [*step, turn + 0.999 * more]
-    readings.append(OdometryReading(13.0, np.array([*stated[:2], 0.0]), yaw_rotation(stated[2])))
+    readings.append(OdometryReading(13.0, np.array([*stated[:2], 0.0]), attitude(stated[2])))
     motion = motion_of(*readings, **errors)
     assert np.linalg.norm(pose[:2]) <= motion.displacement_m('a', 1.0, 13.0)
     rotation, half_width_rad = motion_of(*readings, turn_rate=9.0, **errors).turn('a', 1.0, 13.0)
@@ -102,7 +98,7 @@ def test_the_constant_errors_of_poses_turn_with_the_track():
     for off_rad, before, after in zip(offs_rad, constants, constants[1:], strict=False):
         place += np.exp(1j * off_rad) * (before - after)
     readings = [
-        OdometryReading(1.0 + k, np.zeros(3), yaw_rotation(turn_rad * k)) for k in range(count + 1)
+        OdometryReading(1.0 + k, np.zeros(3), attitude(turn_rad * k)) for k in range(count + 1)
     ]
     motion = motion_of(*readings, rotation_per_rad=0.2, constant_m=0.04)
     assert 0.1 < abs(place) <= motion.displacement_m('a', 1.0, 1.0 + count) < 0.3
@@ -111,9 +107,7 @@ def test_the_constant_errors_of_poses_turn_with_the_track():
 @pytest.mark.parametrize('pitch_rad', [0.0, 0.3, 0.6])
 def test_the_turn_of_a_body_that_pitches_is_that_of_its_heading(pitch_rad):
     """A robot on a ramp turns about its own axis: its heading turns by more, and errs by that."""
-    c, s = np.cos(pitch_rad), np.sin(pitch_rad)
-    pitch = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
-    before, after = (pitch @ yaw_rotation(angle) for angle in (-0.25, 0.25))
+    before, after = (attitude(0.0, pitch_rad) @ attitude(angle) for angle in (-0.25, 0.25))
     error = OdometryErrorModel(rotation_per_rad=0.1)
     track = OdometryTrack(1e9, 1e9, error, 1e9, in_plane=True)
     for stamp_s, rotation in ((1.0, before), (2.0, after)):

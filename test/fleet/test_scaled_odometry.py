@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from shapes import holds
 
 from dg_localization.fleet import (
     Anchor,
@@ -49,11 +50,6 @@ def drive(scale, side, stated):
                 localizer.add_range('r', name, apart_m, now_s, now_s)
         if tick % 10 == 0:
             yield place, localizer.step(now_s)
-
-
-def holds(estimate, place):
-    boxes = [placement.enclosure_m[0] for placement in estimate.placements]
-    return any(np.all((low <= place) & (place <= high)) for low, high in boxes)
 
 
 @pytest.mark.parametrize('side', [-1.0, 0.0, 1.0])

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from shapes import holds
 
 from dg_localization import SolverOptions, Verdict
 from dg_localization.fleet import (
@@ -68,14 +69,6 @@ class Circling:
             if tick % 10 == 9:
                 yield time_s, self.localizer.step(time_s)
 
-    def holds(self, time_s, estimate):
-        place, _ = self.pose(time_s)
-        return any(
-            np.all(placement.enclosure_m[0, 0] <= place + 1e-9)
-            and np.all(place <= placement.enclosure_m[0, 1] + 1e-9)
-            for placement in estimate.placements
-        )
-
 
 @pytest.mark.parametrize('with_odometry', [False, True])
 @pytest.mark.parametrize('ahead_s', [-0.05, 0.05])
@@ -84,14 +77,14 @@ def test_the_truth_is_inside_with_clocks_as_wrong_as_is_stated(ahead_s, with_odo
     for time_s, estimate in robot.drive(4.0):
         assert estimate.verdict is not Verdict.INFEASIBLE
         assert not estimate.forgotten
-        assert robot.holds(time_s, estimate), time_s
+        assert holds(estimate, robot.pose(time_s)[0]), time_s
 
 
 @pytest.mark.parametrize('with_odometry', [False, True])
 def test_stamps_that_are_more_wrong_than_is_stated_are_noticed(with_odometry):
     robot = Circling(0.2, with_odometry, stamp_error_s=0.01)
     answers = list(robot.drive(4.0, late_s=0.2))
-    assert not all(robot.holds(*answer) for answer in answers)
+    assert not all(holds(estimate, robot.pose(time_s)[0]) for time_s, estimate in answers)
 
 
 def turning(**settings):

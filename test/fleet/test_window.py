@@ -7,7 +7,7 @@ from dataclasses import replace
 import math
 from threading import Event
 
-from circling import START_S, TICK_S, Circling
+from circling import START_S, Circling
 import numpy as np
 import pytest
 
@@ -270,33 +270,6 @@ def test_a_wrong_range_is_noticed_that_the_memory_thins_out():
     assert all(len(after[ends]) >= len(stamps) for ends, stamps in before.items())
 
 
-@pytest.mark.parametrize('memory_s', [26.0, 40.0])
-def test_a_contradiction_is_dated_where_it_is_known_when_it_began(memory_s):
-    fleet = Circling(1, anchors=ANCHORS, memory_s=memory_s)
-    list(fleet.drive(0.9 * memory_s))
-    fleet.shift_m[0] = [0.3, -0.15]
-    first = next(fleet.drive(1.0))
-    text = first.forgotten[0].text
-    assert 'more than 1.0 s ago contradicts what they measured since' in text
-
-
-def test_a_robot_that_is_carried_away_again_and_again_costs_the_others_nothing():
-    fleet = Circling(3, anchors=ANCHORS, memory_s=12.0)
-    list(fleet.drive(3.0))
-    forgotten = []
-    for times in range(1, 4):
-        fleet.shift_m[0] = [1.5 * times, -1.0]
-        for estimate in fleet.drive(6.0):
-            assert fleet.holding(estimate)
-            forgotten += estimate.forgotten
-    texts = [item.text for item in forgotten if 'odometry' in item.text]
-    assert texts == ['the odometry of r0 may be wrong'] * 6
-    assert all('r0' in ends for item in forgotten for ends in item.ends)
-    stamps = remembered(fleet)
-    for ends in (('r1', 'west'), ('r2', 'north'), ('r1', 'r2')):
-        assert len(stamps[ends]) == round(12.0 / TICK_S)
-
-
 def test_what_the_moment_says_is_answered_when_the_window_contradicts_it():
     fleet = Circling(3)
     assert all(not estimate.forgotten for estimate in fleet.drive(10.0))
@@ -359,17 +332,6 @@ def test_the_memory_is_bounded():
     # A range and a ray of one time are one observation.
     assert all(item.upper_m < 4.0 and item.direction is not None for item in seen)
     assert all(now_s - 2.0 < item.stamp_s <= now_s for item in seen)
-
-
-def test_what_arrives_late_is_remembered_in_order():
-    localizer = Localizer(FleetConfig(robots=('r0', 'r1'), memory_s=10.0, max_age_s=5.0))
-    stamps_s = [101.0, 103.0, 102.0, 100.5, 104.0]
-    for stamp_s in stamps_s:
-        assert localizer.add_range('r0', 'r1', 3.0, stamp_s, 104.0) is None
-        assert localizer.add_bearing('r0', 'r1', [1.0, 0.0, 0.0], stamp_s, 104.0) is None
-    (seen,) = localizer.snapshot(103.5).window.observations.values()
-    assert [observation.stamp_s for observation in seen] == [100.5, 101.0, 102.0, 103.0]
-    assert all(one.has_distance and one.direction is not None for one in seen)
 
 
 def test_what_the_window_has_decided_needs_no_measurement():

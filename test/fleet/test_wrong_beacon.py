@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from shapes import holds
 
 from dg_localization import Verdict
 from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
@@ -50,11 +51,6 @@ def estimates(
                 assert localizer.add_range('r1', name, range_m, now_s, now_s) is None
             localizer.add_odometry('r1', place, (0.0, 0.0, 0.0, 1.0), now_s, now_s)
         yield localizer.step(now_s), place[:dimension]
-
-
-def holds(estimate, place):
-    boxes = [placement.enclosure_m[0] for placement in estimate.placements]
-    return any(np.all((low <= place) & (place <= high)) for low, high in boxes)
 
 
 @pytest.mark.parametrize(

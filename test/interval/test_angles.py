@@ -7,7 +7,6 @@ import math
 
 from hypothesis import example, given, settings, strategies as st
 import mpmath
-import numpy as np
 import pytest
 
 from dg_localization.interval import angles
@@ -63,13 +62,6 @@ def test_sines_and_cosines_of_arrays(name, low_rad, width_rad, fraction):
 def test_angles_that_went_round_too_often_bound_nothing(angle_rad):
     for name in EXACT:
         assert ends_of(name, angle_rad, angle_rad) == (-1.0, 1.0)
-
-
-def test_arrays_give_what_single_numbers_do():
-    low_rad, high_rad = np.linspace(-4.0, 4.0, 20), np.linspace(-3.9, 6.0, 20)
-    found = angles.cosine(Interval(low_rad, high_rad))
-    singles = [ends_of('cosine', *ends) for ends in zip(low_rad, high_rad, strict=True)]
-    assert np.array_equal(np.stack([found.lower, found.upper], axis=1), singles)
 
 
 @LAWS

@@ -162,35 +162,6 @@ def test_no_place_for_a_cache_is_no_crash(tiny, place):
     assert 'compiled kernels cannot be kept' in refusal and place in refusal
 
 
-def test_a_full_disk_is_told(tiny):
-    before = """
-        import errno, os
-        from numba.core import caching
-        def full(self, name, data):
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        caching.IndexDataCacheFile._save_data = full
-    """
-    answers, _, compiled, refusal = tiny.run(before=before)
-    assert (answers, compiled) == ([6.0], 1)
-    assert str(tiny.cache) in refusal and 'No space left on device' in refusal
-
-
-def test_options_of_numba_that_are_not_documented_may_be_gone(tiny):
-    before = 'import numba.core.cpu as cpu; cpu.CPUTargetOptions = object'
-    assert tiny.run(before=before) == [[6.0], 0, 1, '']
-
-
-def test_the_oldest_folders_make_room(home):
-    root = home / '.cache' / 'dg_localization'
-    for age in range(12):
-        folder = root / f'{age:016x}'
-        folder.mkdir(parents=True)
-        os.utime(folder, (1000.0 - age,) * 2)
-    (root / 'not_ours').mkdir()
-    kept = {open_folder().name, 'not_ours', *(f'{age:016x}' for age in range(7))}
-    assert {path.name for path in root.iterdir()} == kept
-
-
 def test_a_constant_of_another_file_dates_the_folder(home, monkeypatch):
     package = home / 'dg_localization'
     package.mkdir()

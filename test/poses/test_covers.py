@@ -19,7 +19,6 @@ from dg_localization.poses import (
     Cover,
     PairOptions,
     PairReadings,
-    PastPoses,
     cover_poses,
 )
 
@@ -51,22 +50,6 @@ def test_a_ring():
     assert cover.hull.yaw_width_rad == pytest.approx(2 * math.pi)
     assert cover.volume == pytest.approx(2.0 * math.pi**2 * (4.5**2 - 3.5**2), rel=0.05)
     assert not cover.contains(np.array([3.0, 0.0, 0.0]), 1.0)
-
-
-def test_two_tags_on_a_body_tell_its_yaw_across_the_half_turn():
-    anchors = np.array([[0.0, 0.0, 0.0], [5.0, 0.0, 0.0], [0.0, 5.0, 0.0], [5.0, 5.0, 0.0]])
-    tags = np.array([[0.5, 0.0, 0.0], [-0.5, 0.0, 0.0]])
-    a, b = np.repeat(anchors, 2, axis=0), np.tile(tags, (4, 1))
-    position = np.array([2.0, 3.0, 0.0])
-    distance = np.linalg.norm(position + turn(math.pi, b) - a, axis=-1)
-    cover = cover_poses(
-        PairReadings.of(points(a), points(b), ranges(distance, 0.02)),
-        PairOptions(resolution_m=0.02),
-    )
-    assert len(cover.components) == 1
-    low, high = cover.hull.yaw_rad
-    assert low < math.pi < high and high - low < 0.15
-    assert np.all(cover.hull.widths_m[:2] < 0.15)
 
 
 def test_rays_of_three_landmarks_fix_a_pose_without_ranges():
@@ -105,15 +88,6 @@ def test_boxes_touch_across_the_half_turn_only_where_they_do():
     arcs = sorted(part.hull.yaw_rad for part in (first, second))
     assert arcs[0] == pytest.approx((-0.1, 0.25))
     assert arcs[1] == pytest.approx((math.pi - 0.2, math.pi + 0.2))
-
-
-def test_an_empty_cover():
-    cover = Cover(np.empty((0, 2, 4)))
-    assert cover.empty and cover.components == ()
-    assert not cover.contains(np.zeros(3), 0.0)
-    assert cover.carried(PastPoses.at_rest(1), 0.0, None, True).empty
-    with pytest.raises(ValueError, match='empty'):
-        _ = cover.hull
 
 
 def test_a_coarse_cover_holds_the_fine_one():

@@ -8,7 +8,7 @@ import itertools
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
-from solver_cases import bounds, squared_distances
+from solver_cases import squared_distances
 
 from dg_localization.solver.contract.coordinates import enclose_coordinates
 
@@ -82,10 +82,3 @@ def test_a_frame_without_extent_may_have_any_direction(dimension, size, width):
         reach = 1e-14 * size * 30.0
         assert (enclosure[:, 0, 0] <= along[:, 0] + reach).all()
         assert (along[:, 0] - reach <= enclosure[:, 1, 0]).all()
-
-
-@pytest.mark.parametrize('frame', [(0,), (0, 0), (0, 1, 1)])
-def test_a_frame_names_different_points(frame):
-    lower, upper = bounds(3, {(0, 1): (4.0, 4.0)})
-    with pytest.raises(ValueError, match='frame is'):
-        enclose_coordinates(lower, upper, frame)

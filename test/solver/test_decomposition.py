@@ -40,17 +40,6 @@ def decomposed(n_points, pairs, dimension=2):
     return set(pieces), joints
 
 
-@pytest.mark.parametrize('length', [2, 10, 40])
-def test_a_strip_of_fours_reflects_at_every_shared_edge(length):
-    fours = [tuple(range(2 * k, 2 * k + 4)) for k in range(length)]
-    pieces, joints = decomposed(2 * length + 2, set().union(*(complete(*f) for f in fours)))
-    assert pieces == set(fours)
-    assert joints == {
-        (second[:2], REFLECTION, frozenset({first, second}))
-        for first, second in zip(fours[:-1], fours[1:], strict=True)
-    }
-
-
 def test_a_point_with_two_distances_takes_the_third_side_from_the_piece_it_hangs_on():
     answer = pieces_of(5, as_array(complete(0, 1, 2, 3, without={(1, 3)}) | {(1, 4), (3, 4)}), 2)
     assert answer.pieces == ((0, 1, 2, 3), (1, 3, 4))

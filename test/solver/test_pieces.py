@@ -6,10 +6,9 @@
 from joined_cases import holds
 import numpy as np
 import pytest
-from solver_cases import bounds, orientation, squared_distances
+from solver_cases import bounds, squared_distances
 
 from dg_localization import (
-    Chirality,
     Problem,
     SolverOptions,
     Verdict,
@@ -60,17 +59,6 @@ def test_every_turn_of_a_hinge_is_in_the_answer(angle_rad, mirrored):
     assert holds(result, turned, squared_distances(turned))
 
 
-@pytest.mark.parametrize('second_sign', [-1, 1])
-def test_two_chiralities_decide_the_joint_between_their_pieces(second_sign):
-    positions = strip_m(2)
-    first = orientation(positions[[0, 1, 2]].tolist())
-    second = second_sign * orientation(positions[[3, 4, 5]].tolist())
-    chiralities = [Chirality((0, 1, 2), first), Chirality((3, 4, 5), second)]
-    result = solve(strip(2, chiralities=chiralities))
-    assert result.n_hypotheses == 1
-    assert holds(result, positions, squared_distances(positions)) == (second_sign == 1)
-
-
 def test_a_least_distance_that_no_fold_reaches_is_a_contradiction():
     result = solve(strip(2, apart={(0, 4): 400.0}))
     assert result.verdict is Verdict.INFEASIBLE
@@ -87,20 +75,6 @@ def test_a_contradiction_names_the_piece_that_it_is_in():
     (piece,) = result.pieces
     assert (piece.points, piece.hypotheses) == ((3, 4, 5, 6), ())
     assert (result.lower > result.upper).all()
-
-
-def test_a_fold_whose_shared_points_coincide_is_a_flex():
-    """Two rods that meet in both ends turn about the point where their ends lie together."""
-    positions = np.array([[0.0, 0.0], [0.0, 0.0], [3.0, 0.0], [0.0, 2.0]])
-    problem = known(positions, [(0, 1), (0, 2), (1, 2), (0, 3), (1, 3)])
-    result = solve(problem, SolverOptions(resolution=0.5))
-    assert result.verdict is Verdict.COVERED
-    assert all(hypothesis.flexible for hypothesis in result.hypotheses)
-    for angle_rad in np.linspace(0.0, 6.0, 20):
-        positions[3] = 2.0 * np.cos(angle_rad), 2.0 * np.sin(angle_rad)
-        squared = squared_distances(positions)
-        squared[0, 3] = squared[3, 0] = squared[1, 3] = squared[3, 1] = 4.0
-        assert holds(result, positions, squared)
 
 
 def linkage_and_four():

@@ -3,10 +3,8 @@
 
 """Malformed input is refused with the field, the index and the value in the message."""
 
-from decimal import Decimal
 from fractions import Fraction
 from itertools import permutations
-import math
 import re
 
 import numpy as np
@@ -65,7 +63,7 @@ def test_wrong_bounds(arguments, text):
         Problem(*arguments)
 
 
-@pytest.mark.parametrize('dimension', [0, 4, 2.5, 2.0, True, None, '2', [2]])
+@pytest.mark.parametrize('dimension', [0, 2.5, True, None])
 def test_wrong_dimension(dimension):
     with pytest.raises(InvalidProblemError, match=re.escape(f'dimension is {dimension!r}')):
         Problem(*bounds(3, TRIANGLE), dimension=dimension)
@@ -75,58 +73,14 @@ def test_wrong_dimension(dimension):
     ('values', 'text'),
     [
         (np.ma.masked_array(np.ones((2, 2)), mask=np.eye(2)), 'lower is a masked array'),
-        ([np.ma.masked_array([0.0, 1.0], mask=[0, 1]), [1.0, 0.0]], 'lower is a masked array'),
-        (np.array([[0, 1j], [1j, 0]]), 'lower has entries of type complex128'),
         ([[0, 1j], [1j, 0]], r'lower has the entry \[0,1\] = 1j'),
-        (np.ones((2, 2), dtype=bool), 'lower has entries of type bool'),
-        ([[0, True], [True, 0]], r'lower has the entry \[0,1\] = True'),
-        ([['0', '1'], ['1', '0']], r"lower has the entry \[0,0\] = '0'"),
-        (np.array([['0', '1'], ['1', '0']]), 'lower has entries of type <U1'),
-        ([[0, None], [None, 0]], r'lower has the entry \[0,1\] = None'),
         ([[0, 1], [1]], r'lower has the entry \[0\] = \[0, 1\]'),
-        (np.zeros((2, 2), dtype='datetime64[s]'), 'lower has entries of type datetime64'),
-        (None, r'lower has the entry \[\] = None'),
         (3.0, r'lower has shape \(\)'),
     ],
 )
 def test_bounds_that_are_no_real_numbers(values, text):
     with pytest.raises(InvalidProblemError, match=text):
         Problem(values, [[0.0, 2.0], [2.0, 0.0]])
-
-
-BEYOND = 2**53 + 1
-"""No double: its neighbors are 2^53 and 2^53 + 2."""
-
-
-@pytest.mark.parametrize(
-    'number',
-    [
-        BEYOND,
-        np.int64(BEYOND),
-        np.uint64(2**63 + 1),
-        Fraction(1, 3),
-        Decimal('0.1'),
-        10**400,
-        Fraction(1, 10**400),
-        np.longdouble(1) + np.finfo(np.longdouble).eps,
-        np.longdouble(1) - np.finfo(np.longdouble).eps,
-    ],
-    ids=repr,
-)
-@pytest.mark.parametrize('as_array', [True, False])
-def test_a_bound_that_is_no_double_is_rounded_outward(number, as_array):
-    matrix = [[0, number], [number, 0]]
-    if as_array:
-        matrix = np.array(matrix, dtype=getattr(number, 'dtype', object))
-    problem = Problem(matrix, matrix)
-    lower, upper = problem.lower[0, 1], problem.upper[0, 1]
-    if isinstance(number, np.longdouble):
-        assert lower < number < upper
-    else:
-        exact = Fraction(int(number) if isinstance(number, np.integer) else number)
-        assert Fraction(lower) < exact
-        assert math.isinf(upper) or exact < Fraction(upper)
-    assert upper == math.nextafter(lower, math.inf)
 
 
 @pytest.mark.parametrize(
@@ -136,78 +90,36 @@ def test_a_bound_that_is_no_double_is_rounded_outward(number, as_array):
         ({'sides': [(0, 1, 2, 3, -1)]}, 'is no SideConstraint'),
         ({'sides': [SideConstraint(None, 2, 3, Side.SAME)]}, 'None are no points'),
         ({'sides': [SideConstraint((0, 1.0), 2, 3, Side.SAME)]}, 'point 1.0 is not an integer'),
-        ({'sides': [SideConstraint((0, 1), 2, None, Side.SAME)]}, 'point None is not an integer'),
-        ({'sides': [SideConstraint((0, 1), 2, True, Side.SAME)]}, 'point True is not an integer'),
-        ({'sides': [SideConstraint((0, 1), 2, 3, 'same')]}, r'-1, 0 or \+1'),
-        ({'chiralities': 3}, 'chiralities is 3'),
         ({'chiralities': [((0, 1, 2), 1)]}, 'is no Chirality'),
+        ({'sides': [SideConstraint((0,), 1, 2, Side.SAME)]}, r'face=\(0,\).* 2 points'),
+        ({'sides': [SideConstraint((0, 4), 1, 2, Side.SAME)]}, r'point 4 is not in 0..3'),
+        ({'sides': [SideConstraint((0, 1), 1, 2, Side.SAME)]}, r'\(0, 1, 1, 2\) are not all'),
+        ({'sides': [SideConstraint((0, 1), 2, 3, 2)]}, r'side=2.* -1, 0 or \+1'),
+        ({'chiralities': [Chirality((0, 1), 1)]}, r'points=\(0, 1\).* 3 points'),
+        ({'chiralities': [Chirality((0, 1, 4), 1)]}, r'point 4 is not in 0..3'),
+        ({'chiralities': [Chirality((0, 1, 1), 1)]}, r'\(0, 1, 1\) are not all different'),
         ({'chiralities': [Chirality(7, 1)]}, '7 are no points'),
-        ({'chiralities': [Chirality((0, 1, '2'), 1)]}, "point '2' is not an integer"),
         ({'chiralities': [Chirality((0, 1, 2), 1.5)]}, r'-1 or \+1'),
-        ({'chiralities': [Chirality((0, 1, 2), True)]}, r'-1 or \+1'),
     ],
 )
-def test_constraints_of_wrong_types(constraints, text):
+def test_wrong_constraints(constraints, text):
     with pytest.raises(InvalidProblemError, match=text):
         Problem(*bounds(4, TRIANGLE), **constraints)
-
-
-@pytest.mark.parametrize(
-    ('constraint', 'text'),
-    [
-        (SideConstraint((0,), 1, 2, Side.SAME), r'face=\(0,\).* 2 points'),
-        (SideConstraint((0, 1, 2), 3, 3, Side.SAME), r'face=\(0, 1, 2\).* 2 points'),
-        (SideConstraint((0, 4), 1, 2, Side.SAME), r'point 4 is not in 0..3'),
-        (SideConstraint((0, 1), -1, 2, Side.SAME), r'point -1 is not in 0..3'),
-        (SideConstraint((0, 1), 1, 2, Side.SAME), r'\(0, 1, 1, 2\) are not all different'),
-        (SideConstraint((0, 1), 2, 3, 2), r'side=2.* -1, 0 or \+1'),
-    ],
-)
-def test_wrong_sides(constraint, text):
-    with pytest.raises(InvalidProblemError, match=text):
-        Problem(*bounds(4, TRIANGLE), sides=[constraint])
-
-
-@pytest.mark.parametrize(
-    ('chirality', 'text'),
-    [
-        (Chirality((0, 1), 1), r'points=\(0, 1\).* 3 points'),
-        (Chirality((0, 1, 4), 1), r'point 4 is not in 0..3'),
-        (Chirality((0, 1, 1), 1), r'\(0, 1, 1\) are not all different'),
-        (Chirality((0, 1, 2), 0), r'sign=0.* -1 or \+1'),
-    ],
-)
-def test_wrong_chiralities(chirality, text):
-    with pytest.raises(InvalidProblemError, match=text):
-        Problem(*bounds(4, TRIANGLE), chiralities=[chirality])
 
 
 @pytest.mark.parametrize(
     ('field', 'value'),
     [
         ('resolution', 0.0),
-        ('resolution', -0.1),
         ('resolution', float('nan')),
-        ('resolution', float('inf')),
         ('max_boxes', 0),
         ('max_seconds', 0.0),
-        ('max_seconds', -1.0),
         ('max_seconds', float('nan')),
-        ('resolution', '0.1'),
-        ('resolution', None),
         ('resolution', True),
-        ('resolution', 1j),
-        ('max_seconds', None),
         ('tighten_seconds', -0.1),
-        ('tighten_seconds', float('nan')),
         ('max_boxes', 2.5),
-        ('max_boxes', float('inf')),
-        ('max_boxes', True),
-        ('max_boxes', '10'),
         ('max_hypotheses', 0),
-        ('max_hypotheses', None),
         ('resolution', 1.4e154),
-        ('resolution', 1e300),
     ],
 )
 def test_wrong_options(field, value):
@@ -226,11 +138,8 @@ def test_options_are_kept_as_numbers_of_python():
     ('within', 'text'),
     [
         ([3], r'within\[0\] is no pair'),
-        ([(np.zeros((3, 3)),)], r'within\[0\] is no pair'),
         ([(np.zeros((3, 3)), [[1j] * 3] * 3)], r'within\[0\]: upper has the entry \[0,0\]'),
-        ([(np.zeros((3, 3)), np.ones((3, 3)))], r'within\[0\] is not 0 everywhere on the diag'),
         ([(np.full((3, 3), np.inf),) * 2], r'within\[0\]: lower is inf'),
-        ([(np.zeros((2, 2)), np.ones((2, 2)))], r'within\[0\]: lower has shape \(2, 2\)'),
         ([(np.eye(3), np.eye(3))], r'within\[0\] is not 0 everywhere on the diagonal'),
     ],
 )
@@ -295,26 +204,16 @@ def test_bounds_of_listed_pairs_are_rounded_outward():
     ('wrong', 'text'),
     [
         ({'n_points': 0}, 'n_points is 0'),
-        ({'n_points': 2.0}, 'n_points is 2.0'),
         ({'i': [0, 1, 4]}, r'i\[2\] = 4 is not in 0..3'),
         ({'j': [1, -1, 2]}, r'j\[1\] = -1 is not in 0..3'),
         ({'i': [0, 1, 2.5]}, 'i has entries of type float64, integers are needed'),
-        ({'i': [[0, 1, 3]]}, r'i has shape \(1, 3\)'),
-        ({'i': [[0], [1, 3]]}, 'i is a list of lists of different lengths'),
         ({'i': np.ma.masked_array([0, 1, 3], mask=[0, 1, 0])}, 'i is a masked array'),
-        ({'i': [True, False, True]}, 'i has entries of type bool'),
         ({'j': [1, 2]}, r'j has shape \(2,\), i has shape \(3,\)'),
-        ({'upper': [2.0]}, r'upper has shape \(1,\), i has shape \(3,\)'),
         ({'i': [1, 1, 3]}, r'i\[0\] = j\[0\] = 1: a pair needs two points'),
         ({'j': [1, 0, 2]}, r'pair \(0, 1\) is given twice, as entries 0 and 1'),
         ({'lower': [1.0, np.nan, 1.0]}, r'lower\[1\] = nan m\^2 of pair \(1, 2\) is NaN'),
-        ({'upper': [1.0, 1.0, np.nan]}, r'upper\[2\] = nan m\^2 of pair \(3, 2\) is NaN'),
         ({'lower': [-1.0, 1.0, 1.0]}, r'lower\[0\] = -1.0 m\^2 of pair \(0, 1\) is negative'),
         ({'lower': [1.0, 3.0, 1.0]}, r'lower\[1\] = 3.0 .* exceeds upper\[1\] = 2.0'),
-        ({'lower': [np.inf] * 3, 'upper': [np.inf] * 3}, r'lower\[0\] of pair .* is infinite'),
-        ({'lower': [1j, 1.0, 1.0]}, r'lower has the entry \[0\] = 1j'),
-        ({'dimension': 4}, 'dimension is 4'),
-        ({'chiralities': [Chirality((0, 1, 4), 1)]}, 'point 4 is not in 0..3'),
     ],
 )
 def test_wrong_pairs(wrong, text):

@@ -137,16 +137,6 @@ def test_contradictions_are_proved(ranges, dimension, options):
     assert result.statistics.kept == result.statistics.pending == 0
 
 
-@pytest.mark.parametrize('max_boxes', [1, 2, 7, 14])
-def test_max_boxes_leaves_a_complete_cover(paper_fleet, max_boxes):
-    result = solve_as_one(paper_fleet.problem(), SolverOptions(max_boxes=max_boxes))
-    assert result.verdict is Verdict.OUT_OF_BUDGET
-    assert result.statistics.processed == max_boxes
-    check_claims(paper_fleet.problem(), result)
-    for solution in paper_fleet.solutions:
-        assert covers(result, paper_fleet.squared(solution))
-
-
 class StopAfter:
     """Cancels after a number of boxes."""
 
@@ -160,12 +150,14 @@ class StopAfter:
         return self.boxes <= 0
 
 
-@pytest.mark.parametrize('boxes', [0, 1, 5])
-def test_cancel_leaves_a_complete_cover(paper_fleet, boxes):
-    stop = StopAfter(boxes)
-    result = solve_as_one(paper_fleet.problem(), cancel=stop, progress=stop.note)
+@pytest.mark.parametrize('most', [0, 1, 2, 7, 14])
+@pytest.mark.parametrize('is_cancelled', [False, True])
+def test_what_stops_a_search_leaves_a_complete_cover(paper_fleet, most, is_cancelled):
+    stop = StopAfter(most if is_cancelled else 1000)
+    options = SolverOptions(max_boxes=1000 if is_cancelled else max(most, 1))
+    result = solve_as_one(paper_fleet.problem(), options, cancel=stop, progress=stop.note)
     assert result.verdict is Verdict.OUT_OF_BUDGET
-    assert result.statistics.processed == boxes
+    assert result.statistics.processed == (most if is_cancelled else max(most, 1))
     check_claims(paper_fleet.problem(), result)
     for solution in paper_fleet.solutions:
         assert covers(result, paper_fleet.squared(solution))

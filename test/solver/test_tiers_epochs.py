@@ -5,16 +5,13 @@
 
 from collections import defaultdict
 import csv
-import time
 
 import numpy as np
 import pytest
 from solver_cases import bounds, covers, squared_distances
 
 from dg_localization import Problem, SolverOptions, solve
-from dg_localization.solver.contract.coordinates import enclose_coordinates
 
-FRAME = 0, 1, 2
 POINT_OF_NODE = {1: 0, 3: 1, 4: 2, 5: 3}
 
 
@@ -52,27 +49,15 @@ def test_every_epoch_that_obeys_its_bounds_is_covered(epochs, long_m, short_m, o
     1.3 m and 5 cm hold for the whole recording; 0.95 m for 99 % of the ranges.
     """
     assert len(epochs) == 1452
-    obeyed, covered, sizes_m, seconds, n_hypotheses = 0, 0, [], [], []
+    obeyed, covered = 0, 0
     for measured, squared in epochs:
         ranges = {
             pair: (max(0.0, r - long_m) ** 2, (r + short_m) ** 2) for pair, r in measured.items()
         }
-        started = time.perf_counter()
         result = solve(Problem(*bounds(4, ranges)), SolverOptions(resolution=0.05, max_boxes=100))
-        seconds.append(time.perf_counter() - started)
         lower, upper = bounds(4, ranges)
         if np.all((lower <= squared) & (squared <= upper)):
             obeyed += 1
             covered += covers(result, squared)
-        n_hypotheses.append(len(result.hypotheses))
-        for h in result.hypotheses:
-            enclosure = enclose_coordinates(h.lower, h.upper, FRAME)
-            sizes_m.append((enclosure[:, 1] - enclosure[:, 0]).max(axis=1))
     assert covered == obeyed
     assert obeyed >= obeying * len(epochs)
-    print(
-        f'\nranges in [r - {long_m}, r + {short_m}] m: {obeyed} of {len(epochs)} epochs obey, '
-        f'{covered} of these are covered; median {1e3 * np.median(seconds):.2f} ms, '
-        f'{min(n_hypotheses)} to {max(n_hypotheses)} hypotheses, median size of the enclosure '
-        f'of each robot {np.median(sizes_m, axis=0).round(2).tolist()} m'
-    )
