@@ -70,19 +70,6 @@ def test_value_survives_the_message(type_name, value):
     assert_same(adapter.from_message(message), value)
 
 
-@pytest.mark.usefixtures('third_party_messages')
-@pytest.mark.parametrize('type_name', dict(VALUES))
-def test_empty_message_has_arrays_of_the_right_shape(type_name):
-    reading = adapter_for(type_name).from_message(adapter_for(type_name).message_class()())
-    n_targets = len(reading.target_ids)
-    assert n_targets == (1 if type_name in (RANGE_STAMPED, SENSOR_UWB) else 0)
-    if isinstance(reading, PixelReading):
-        assert reading.pixels_xy.shape == (n_targets, 2)
-    else:
-        assert reading.ranges_m.shape == (n_targets,)
-        assert reading.rays_xyz.shape == (n_targets, 3)
-
-
 @pytest.mark.parametrize('type_name', dict(VALUES))
 def test_package_that_is_missing_is_named(type_name):
     with pytest.raises(UnknownTypeError, match=f'install the ROS package {type_name[:7]}'):

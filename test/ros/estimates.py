@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Placements as the localizer makes them, of robots at stated places."""
+"""Placements as the localizer makes them, of robots at stated places, and reports."""
 
 from dataclasses import replace
 import math
@@ -9,6 +9,7 @@ import math
 import numpy as np
 
 from dg_localization.fleet import Placement
+from dg_localization.ros.interface.diagnostics import Report
 
 
 def placement_at(positions_m, /, **changes):
@@ -32,3 +33,17 @@ def placement_at(positions_m, /, **changes):
         upper_m=np.where(np.eye(n_robots, dtype=bool), 0.0, np.inf),
     )
     return replace(made, **changes)
+
+
+def report_on(estimate, **changes):
+    """Return what the diagnostics of a node without trouble are made of."""
+    plain = {
+        'node': 'localizer',
+        'trouble': '',
+        'failure': '',
+        'warnings': (),
+        'lifetime_s': 1.0,
+        'malformed': {},
+        'wrong_types': {},
+    }
+    return Report(estimate=estimate, **{**plain, **changes})

@@ -6,6 +6,7 @@
 import json
 
 import numpy as np
+from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import (
     Qos,
@@ -19,6 +20,10 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from dg_localization.ros.executables import localize_bag
+from dg_localization.ros.simulation.simulate_fleet import (
+    PARAMETERS as SIMULATION,
+    SimulatedFleet,
+)
 from msg_adapters import adapter_for
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -29,6 +34,7 @@ POSE = 'geometry_msgs/msg/PoseStamped'
 ODOMETRY = 'nav_msgs/msg/Odometry'
 START_NS = 1_700_000_000_000_000_000
 PERIOD_NS = 100_000_000
+SIMULATED_TRUTH = '/simulate_fleet/ground_truth'
 # Two sides and the hypotenuse of a right triangle.
 TRIANGLE = {('a', 'b'): 3.0, ('a', 'c'): 4.0, ('b', 'c'): 5.0}
 PLACES = {'a': (0.0, 0.0), 'b': (3.0, 0.0), 'c': (0.0, 4.0)}
@@ -37,6 +43,14 @@ LATCHED = Qos(
     *(QosTime(0, 0), QosTime(0, 0), QosLiveliness.AUTOMATIC, QosTime(0, 0), False),
 )
 PARAMETERS = {'robots': ['a', 'b', 'c'], 'max_speed': 0.1}
+
+
+def write_parameters(folder, **given):
+    """Write the parameters of the three robots, or others; return the file."""
+    path = folder / 'params.yaml'
+    # JSON is YAML.
+    path.write_text(json.dumps({'/**': {'ros__parameters': {**PARAMETERS, **given}}}))
+    return path
 
 
 def stamped(time_ns, frame_id=''):
@@ -69,6 +83,28 @@ def odometry_at_rest(time_ns, frame_id):
         TYPES['geometry_msgs/msg/TwistWithCovariance'](twist, np.zeros(36)),
     )
     return STORE.serialize_cdr(message, ODOMETRY)
+
+
+def record_simulation(bag, seconds=20.0, change=lambda topic, message: message, **values):
+    """
+    Write a bag of a simulated fleet at 10 Hz.
+
+    Each message is received at once: a node may hear of its time after it. `change` may spoil a
+    message, or return None to leave it out.
+    """
+    defaults = {name: spec.default for name, spec in SIMULATION.items()}
+    fleet = SimulatedFleet({**defaults, 'path': 'loops', **values})
+    recorder = Recorder(bag)
+    for step in range(round(seconds * 10)):
+        times_s = step / 10, START_NS * 1e-9 + step / 10
+        messages = [*fleet.measurements(*times_s), *fleet.odometry_messages(*times_s)]
+        for topic, message in [*messages, (SIMULATED_TRUTH[1:], fleet.ground_truth(*times_s))]:
+            changed = change(topic, message)
+            if changed is not None:
+                package = type(changed).__module__.partition('.')[0]
+                name = f'{package}/msg/{type(changed).__name__}'
+                recorder.write(f'/{topic}', step, serialize_message(changed), name)
+    return recorder.close()
 
 
 class Recorder:
@@ -120,10 +156,8 @@ class Localize:
         run = self.folder / f'run_{self.n_runs}'
         self.n_runs += 1
         run.mkdir()
-        given = {**PARAMETERS, **{name.replace('__', '.'): v for name, v in parameters.items()}}
-        params = run / 'params.yaml'
-        # JSON is YAML.
-        params.write_text(json.dumps({'/**': {'ros__parameters': given}}))
+        given = {name.replace('__', '.'): value for name, value in parameters.items()}
+        params = write_parameters(run, **given)
         report, self.output = run / 'report.json', run / 'out'
         paths = ('-o', self.output, '--params', params, '--report', report)
         code = localize_bag([str(text) for text in (bag, *paths, *arguments)])

@@ -8,7 +8,6 @@ The environment variables DAMAGED_BAG_BITS and DAMAGED_BAG_OTHERS say how many f
 how many of the other damages, are tried of each storage.
 """
 
-import json
 import os
 import random
 import shutil
@@ -23,7 +22,6 @@ from damaged_bags import CHUNK, damages, mcap_records, storage_of, write_bag  # 
 from mcap.writer import Writer as McapWriter  # noqa: E402
 from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: E402
 from small_bags import (  # noqa: E402
-    PARAMETERS,
     PERIOD_NS,
     RANGE,
     START_NS,
@@ -32,6 +30,7 @@ from small_bags import (  # noqa: E402
     Recorder,
     counts,
     range_message,
+    write_parameters,
 )
 import zstandard  # noqa: E402
 
@@ -46,9 +45,7 @@ STORAGES = ('db3', 'mcap', 'mcap without checksums', 'mcap without chunks')
 def run(localize, capsys, monkeypatch):
     """Localize a bag; return the exit code, the report, the answers and what was printed."""
     # The parameters are read only once: a node is made for that, which takes longer than the rest.
-    params = localize.folder / 'params.yaml'
-    params.write_text(json.dumps({'/**': {'ros__parameters': PARAMETERS}}))
-    task = module.read_task(params, [])
+    task = module.read_task(write_parameters(localize.folder), [])
     monkeypatch.setattr(module, 'read_task', lambda *_: task)
 
     def run(bag):

@@ -14,25 +14,17 @@ import yaml
 
 pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not installed")
 
-from rclpy.serialization import serialize_message  # noqa: E402
 from recorder import Recorder  # noqa: E402
-from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: E402
-from rosbags.typesys import Stores, get_typestore  # noqa: E402
+from small_bags import SIMULATED_TRUTH, record_simulation, write_parameters  # noqa: E402
 from uwb_recording import CONFIG  # noqa: E402
 
 from dg_localization.fleet import LinkKind  # noqa: E402
 from dg_localization.ros.bags.offline import read_task  # noqa: E402
 from dg_localization.ros.executables import fit_bounds, localize_bag  # noqa: E402
-from dg_localization.ros.simulation.simulate_fleet import (  # noqa: E402
-    PARAMETERS,
-    SimulatedFleet,
-)
 from dg_localization.simulation.moving_fleet import LANDMARKS_M, ROBOTS  # noqa: E402
 
 REPOSITORY = Path(__file__).parents[2]
-STORE = get_typestore(Stores.ROS2_JAZZY)
 START_S = 1_700_000_000
-TRUTH = '/simulate_fleet/ground_truth'
 FLEET = {
     'robots': list(ROBOTS),
     'max_speed': 0.25,
@@ -46,47 +38,10 @@ BEACONS = {
 }
 
 
-def type_name(message):
-    module = type(message).__module__.split('.')[0]
-    return f'{module}/msg/{type(message).__name__}'
-
-
-def record(bag, seconds=20.0, change=lambda topic, message: message, **values):
-    """Write a bag of a simulated fleet; `change` may spoil a message or return None."""
-    fleet = SimulatedFleet(
-        {**{name: spec.default for name, spec in PARAMETERS.items()}, 'path': 'loops', **values}
-    )
-    writer = Writer(bag, version=9, storage_plugin=StoragePlugin.SQLITE3)
-    connections = {}
-    with writer:
-        for step in range(round(seconds * 10)):
-            time_s = step / 10
-            messages = [
-                *fleet.measurements(time_s, START_S + time_s),
-                *fleet.odometry_messages(time_s, START_S + time_s),
-                (TRUTH[1:], fleet.ground_truth(time_s, START_S + time_s)),
-            ]
-            for topic, message in messages:
-                message = change(topic, message)
-                if message is None:
-                    continue
-                if topic not in connections:
-                    connections[topic] = writer.add_connection(
-                        f'/{topic}', type_name(message), typestore=STORE
-                    )
-                writer.write(
-                    connections[topic],
-                    START_S * 10**9 + step * 10**8,
-                    serialize_message(message),
-                )
-    return bag
-
-
 @pytest.fixture
 def learn(tmp_path, capsys):
     """Run `fit_bounds`; return the exit code, what it printed, and the parameters in it."""
-    params = tmp_path / 'params.yaml'
-    params.write_text(json.dumps({'/**': {'ros__parameters': {**FLEET, 'anchors': BEACONS}}}))
+    params = write_parameters(tmp_path, **FLEET, anchors=BEACONS)
 
     def run(bag, *arguments, file=params):
         capsys.readouterr()
@@ -135,8 +90,10 @@ def half_width_of(settings, observer, target):
 
 
 def test_bounds_of_a_simulated_fleet_are_found(tmp_path, learn):
-    bag = record(tmp_path / 'bag', landmarks=True, odometry=True, error=0.04, bearing_error=0.05)
-    code, found = learn(bag, '--truth', TRUTH, '--per', 'all', '--margin', '0')
+    bag = record_simulation(
+        tmp_path / 'bag', landmarks=True, odometry=True, error=0.04, bearing_error=0.05
+    )
+    code, found = learn(bag, '--truth', SIMULATED_TRUTH, '--per', 'all', '--margin', '0')
     assert code == 0
     assert found['range']['min_error'] == found['range']['max_error'] == 0.0
     assert -0.0418 <= found['range']['min_error_relative'] <= -0.035
@@ -164,8 +121,8 @@ def test_what_is_printed_is_what_the_node_takes(tmp_path, learn, told):
             message.pose.pose.position.y *= 0.8
         return message
 
-    bag = record(tmp_path / 'bag', seconds=40.0, change=spoiled, odometry=True)
-    code, found = learn(bag, '--truth', TRUTH, '--keep', '1')
+    bag = record_simulation(tmp_path / 'bag', seconds=40.0, change=spoiled, odometry=True)
+    code, found = learn(bag, '--truth', SIMULATED_TRUTH, '--keep', '1')
     assert code == 0
     settings = told()
     fleet = settings.fleet
@@ -185,47 +142,11 @@ def test_what_is_printed_is_what_the_node_takes(tmp_path, learn, told):
         assert fleet.odometry_error_of(robot).translation_scale == pytest.approx(scale, rel=0.06)
 
 
-def test_bounds_of_the_first_half_are_judged_on_the_second(tmp_path, learn):
-    recorder, rng = Recorder(), np.random.default_rng(0)
-    for count, stamp_s in enumerate(START_S + np.arange(0.0, 20.0, 0.1)):
-        late_m = 5.0 if count >= 120 else 0.0
-        recorder.add_range('r1', 'r2', 4.0 + late_m + rng.uniform(-0.02, 0.02), stamp_s, stamp_s)
-        for robot, place_m in PLACES_M.items():
-            recorder.add_truth(robot, place_m, 0.0, stamp_s)
-    recorder.write(tmp_path / 'bag')
-    state(learn)
-    code, _ = learn(tmp_path / 'bag', '--truth', '/{robot}/truth')
-    assert code == 0
-    text = ' '.join(learn.output.replace('#', ' ').split())
-    (share,) = set(re.findall(r'the first half alone, (\S+) % of the second excluded', text))
-    # The last 80 of its 100 readings.
-    assert float(share) == pytest.approx(80.0, abs=2.0)
-
-
-def test_peers_get_the_bounds_of_their_observer(tmp_path, learn, told):
-    bag = record(tmp_path / 'bag', peers=True)
-    code, found = learn(bag, '--truth', TRUTH)
-    assert code == 0
-    assert {text.split()[1] for text in found['links']} == {'sensor_msgs/msg/PointCloud2'}
-    settings = told()
-    for target in (*ROBOTS[1:], *LANDMARKS_M):
-        assert range_error_of(settings, 'robot_1', target).max_error_relative < 0.05
-        assert half_width_of(settings, 'robot_1', target) < 0.03
-
-
 def state(learn, **fleet):
     """Write the parameters of three robots with ranges to 0.1 m."""
-    stated = {
-        'robots': ['r1', 'r2', 'r3'],
-        'range': {
-            'min_error': -0.1,
-            'max_error': 0.1,
-            'min_error_relative': 0.0,
-            'max_error_relative': 0.0,
-        },
-        **fleet,
-    }
-    learn.params.write_text(json.dumps({'/**': {'ros__parameters': stated}}))
+    exact = {'min_error_relative': 0.0, 'max_error_relative': 0.0}
+    ranging = {'min_error': -0.1, 'max_error': 0.1, **exact}
+    write_parameters(learn.params.parent, robots=['r1', 'r2', 'r3'], range=ranging, **fleet)
 
 
 WIDE_LINK = '/r1/range/r3 sensor_msgs/msg/Range r1 r3 max_error=2.0'
@@ -234,18 +155,41 @@ BARO_LINK = '/baro geometry_msgs/msg/PointStamped r1 min_error=-2.0 max_error=3.
 PLACES_M = {'r1': (0.0, 0.0), 'r2': (4.0, 0.0), 'r3': (0.0, 5.0)}
 
 
-def record_three(bag, n_biased=200, truth=()):
-    """Write 200 ranges of r1 to r2, and the first of those to r3, 1.5 m too long."""
+def record_three(bag, n_biased=200, truth=(), n_good=200):
+    """Write 200 ranges of r1 to r2, later ones 5 m too long; and to r3, all 1.5 m too long."""
     recorder, rng = Recorder(), np.random.default_rng(0)
     for count, stamp_s in enumerate(START_S + np.arange(0.0, 20.0, 0.1)):
         noise_m = rng.uniform(-0.02, 0.02, 2)
-        recorder.add_range('r1', 'r2', 4.0 + noise_m[0], stamp_s, stamp_s)
+        range_m = 4.0 if count < n_good else 9.0
+        recorder.add_range('r1', 'r2', range_m + noise_m[0], stamp_s, stamp_s)
         if count < n_biased:
             recorder.add_range('r1', 'r3', 6.5 + noise_m[1], stamp_s, stamp_s)
         for robot in truth:
             recorder.add_truth(robot, PLACES_M[robot], 0.0, stamp_s)
     recorder.write(bag)
     return bag
+
+
+def test_bounds_of_the_first_half_are_judged_on_the_second(tmp_path, learn):
+    state(learn)
+    bag = record_three(tmp_path / 'bag', n_biased=0, truth=PLACES_M, n_good=120)
+    code, _ = learn(bag, '--truth', '/{robot}/truth')
+    assert code == 0
+    text = ' '.join(learn.output.replace('#', ' ').split())
+    (share,) = set(re.findall(r'the first half alone, (\S+) % of the second excluded', text))
+    # The last 80 of its 100 readings.
+    assert float(share) == pytest.approx(80.0, abs=2.0)
+
+
+def test_peers_get_the_bounds_of_their_observer(tmp_path, learn, told):
+    bag = record_simulation(tmp_path / 'bag', peers=True)
+    code, found = learn(bag, '--truth', SIMULATED_TRUTH)
+    assert code == 0
+    assert {text.split()[1] for text in found['links']} == {'sensor_msgs/msg/PointCloud2'}
+    settings = told()
+    for target in (*ROBOTS[1:], *LANDMARKS_M):
+        assert range_error_of(settings, 'robot_1', target).max_error_relative < 0.05
+        assert half_width_of(settings, 'robot_1', target) < 0.03
 
 
 @pytest.mark.parametrize('per', ['link', 'sensor', 'all'])
@@ -273,24 +217,6 @@ def test_a_link_without_truth_keeps_all_of_the_bounds_that_it_states(
     assert nothing == (n_biased == 0 or bool(truth))
     assert ('a bias, is not seen' in text) == (not truth)
     assert BARO_LINK in learn.output
-
-
-@pytest.mark.parametrize('per', ['link', 'all'])
-def test_of_odometry_what_is_not_learned_stays_as_stated(tmp_path, learn, told, per):
-    stated = json.loads(learn.params.read_text())
-    fleet = stated['/**']['ros__parameters']
-    fleet['odometry'] = {'max_gap': 0.3, 'latency': 0.2}
-    fleet['robot_odometry'] = {'robot_2': {'max_gap': 0.4}}
-    learn.params.write_text(json.dumps(stated))
-    bag = record(tmp_path / 'bag', odometry=True, cameras=False)
-    code, found = learn(bag, '--truth', TRUTH, '--keep', '1', '--per', per)
-    assert code == 0
-    for learned in (found['odometry'], *found['robot_odometry'].values()):
-        assert 'translation_per_m' in learned and not {'max_gap', 'latency'} & set(learned)
-    for robot in ROBOTS:
-        error = told().fleet.odometry_error_of(robot)
-        assert error.latency_s == 0.2
-        assert error.max_gap_s == (0.4 if robot == 'robot_2' else 0.3)
 
 
 @pytest.mark.parametrize(
@@ -336,7 +262,7 @@ def test_odometry_is_learned_between_its_restarts_and_of_whom_there_is_a_truth(
         recorder.add_odometry('r1', 0.8 * place_m + jump_m, yaw, stamp_s)
         recorder.add_odometry('r2', place_m, yaw, stamp_s)
     recorder.write(tmp_path / 'bag')
-    state(learn, odometry={'translation_per_m': 0.07})
+    state(learn, odometry={'translation_per_m': 0.07, 'max_gap': 0.3, 'latency': 0.2})
     stated = read_task(learn.params, []).settings.fleet.odometry_error
     code, _ = learn(tmp_path / 'bag', '--truth', '/{robot}/truth', '--per', per)
     assert code == 0
@@ -344,6 +270,8 @@ def test_odometry_is_learned_between_its_restarts_and_of_whom_there_is_a_truth(
     learned = fleet.odometry_error_of('r1')
     assert learned.translation_scale == pytest.approx(1.25, abs=1e-3)
     assert learned.translation_per_m + learned.constant_m < 1e-3
+    # What is not learned stays as stated.
+    assert (learned.max_gap_s, learned.latency_s) == (0.3, 0.2)
     assert fleet.odometry_error_of('r2') == stated
     text = learn.output.replace('\n#  ', '')
     assert 'Odometry of r1 started anew 1 times' in text
@@ -369,10 +297,9 @@ def test_errors_of_sensors_on_a_robot_are_seen_from_where_they_are(tmp_path, lea
         'mounts': {'names': ['a/tag'], 'a': mounts},
         'anchors': {'names': ['beacon'], 'beacon': {'position': beacon_m.tolist()}},
     }
-    learn.params.write_text(json.dumps({'/**': {'ros__parameters': fleet}}))
-    code, found = learn(
-        tmp_path / 'bag', '--truth', '/{robot}/truth', '--per', 'all', '--margin', '0'
-    )
+    write_parameters(tmp_path, **fleet)
+    truth = '--truth', '/{robot}/truth'
+    code, found = learn(tmp_path / 'bag', *truth, '--per', 'all', '--margin', '0')
     assert code == 0
     assert 0.099 < found['range']['min_error'] <= found['range']['max_error'] < 0.101
     assert found['bearing']['expected_error'] == pytest.approx(0.02, abs=1e-3)
@@ -384,11 +311,11 @@ def test_errors_of_sensors_on_a_robot_are_seen_from_where_they_are(tmp_path, lea
         (['--truth', '/mocap/{robot}'], 'no topic /mocap/robot_1 or .* in the bag; it has'),
         (['--truth', '/robot_1/range/robot_2'], 'is sensor_msgs/msg/Range; a ground truth is'),
         (['--truth', 'nowhere.csv'], "'nowhere.csv' is no file"),
-        (['--truth', TRUTH, 'x.csv'], 'name topics or files'),
+        (['--truth', SIMULATED_TRUTH, 'x.csv'], 'name topics or files'),
     ],
 )
 def test_wrong_usage_is_a_sentence(tmp_path, learn, arguments, wanted):
-    bag = record(tmp_path / 'bag', seconds=1.0, cameras=False)
+    bag = record_simulation(tmp_path / 'bag', seconds=1.0, cameras=False)
     code, found = learn(bag, *arguments)
     assert code in (1, 2) and found is None
     assert re.search(wanted, learn.errors), learn.errors
@@ -397,12 +324,12 @@ def test_wrong_usage_is_a_sentence(tmp_path, learn, arguments, wanted):
 
 def test_stamps_on_two_clocks_are_explained(tmp_path, learn):
     def late(topic, message):
-        if topic == TRUTH[1:]:
+        if topic == SIMULATED_TRUTH[1:]:
             message.header.stamp.sec += 1000
         return message
 
-    bag = record(tmp_path / 'bag', seconds=2.0, change=late)
-    code, found = learn(bag, '--truth', TRUTH)
+    bag = record_simulation(tmp_path / 'bag', seconds=2.0, change=late)
+    code, found = learn(bag, '--truth', SIMULATED_TRUTH)
     assert code == 1 and found is None
     assert "are the stamps of both on one clock (parameter 'stamp_source')" in learn.errors
 
@@ -425,9 +352,6 @@ def test_bounds_per_pair_halve_the_widths_of_the_real_recording(tmp_path, shared
         assert widths[1][robot] < 0.6 * widths[0][robot]
 
 
-GROSS_LINK = 'range robot_1->robot_3'
-
-
 def test_stamps_that_are_early_and_a_gross_reading_are_named(tmp_path, learn):
     count = 0
 
@@ -443,8 +367,8 @@ def test_stamps_that_are_early_and_a_gross_reading_are_named(tmp_path, learn):
         return message
 
     values = {'cameras': False, 'speed': 1.0, 'error': 0.005, 'seconds': 40.0}
-    bag = record(tmp_path / 'bag', change=spoiled, **values)
-    code, found = learn(bag, '--truth', TRUTH, '--keep', '1')
+    bag = record_simulation(tmp_path / 'bag', change=spoiled, **values)
+    code, found = learn(bag, '--truth', SIMULATED_TRUTH, '--keep', '1')
     text = ' '.join(learn.output.replace('\n#', ' ').split())
     assert code == 0
     (early,) = re.findall(r'Stamps of range (\S+) are (\S+) s early', text)
@@ -454,8 +378,9 @@ def test_stamps_that_are_early_and_a_gross_reading_are_named(tmp_path, learn):
     assert link.split()[2:4] == list(ROBOTS[:2])
     assert float(link.partition('stamp_offset=')[2]) == pytest.approx(0.15, abs=0.03)
     assert 'sets a bound that would be less than half as wide without it' in text
-    broken = re.findall(rf'The stated bounds of {GROSS_LINK} are broken from .*? s: (\S+)', text)
+    gross = 'The stated bounds of range robot_1->robot_3 are broken'
+    broken = re.findall(rf'{gross} from .*? s: (\S+)', text)
     assert broken == ['1']
     assert 'window_outliers' not in text
-    learn(bag, '--truth', TRUTH, '--keep', '0.99')
+    learn(bag, '--truth', SIMULATED_TRUTH, '--keep', '0.99')
     assert 'window_outliers: 1' in ' '.join(learn.output.replace('\n#', ' ').split())

@@ -8,6 +8,7 @@ from dataclasses import replace
 import os
 from random import Random
 
+from estimates import report_on
 from hostile_ids import IdFleet
 from hostile_messages import CLOUD, HostileFleet, serialized
 import numpy as np
@@ -17,7 +18,7 @@ from rclpy.serialization import deserialize_message
 from dg_localization import Verdict
 from dg_localization.fleet import Localizer
 from dg_localization.fleet.constraints.constrain import constrain
-from dg_localization.ros.interface.diagnostics import Report, statuses
+from dg_localization.ros.interface.diagnostics import statuses
 from dg_localization.ros.interface.intake import Intake
 from dg_localization.ros.interface.outputs import estimate_messages
 from msg_adapters import Diagnostics, adapter_for, register
@@ -104,19 +105,13 @@ def check_estimate(estimate, taker):
         assert (placement.positions_m[known] <= high[known]).all()
     assert all(data for _, data in estimate_messages(estimate, 'map', 1.0))
     now_s = taker.fleet.now_s
-    report = Report(
-        node='localizer',
-        trouble='',
-        failure='',
-        warnings=(),
+    report = report_on(
+        estimate,
         now_s=now_s,
-        lifetime_s=1.0,
-        estimate=estimate,
         robots=taker.fleet.config.robots,
         links=tuple(taker.fleet.links),
         inputs=taker.intake.states(now_s),
         malformed=taker.intake.malformed,
-        wrong_types={},
     )
     data = diagnostics_to_cdr(Diagnostics(now_s, statuses(report)))
     assert len(data) < 1000 * (len(taker.fleet.links) + 20)

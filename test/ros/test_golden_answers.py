@@ -4,7 +4,8 @@
 """
 The answers to the beginning of each recording, so that a change of numbers shows in review.
 
-No limit of time is used. Where the new answers are meant, DG_WRITE_GOLDEN=1 writes them.
+Where motion capture tells the truth, it is in every answer. No limit of time is used. Where the
+new answers are meant, DG_WRITE_GOLDEN=1 writes them.
 """
 
 import json
@@ -28,6 +29,11 @@ GOLDEN = REPOSITORY / 'test/golden/answers.json'
 # Stamps of 0 count as not filled in.
 START_S = 1_000_000.0
 SHOWN, NEAR_M = 8, 0.01
+TRUTHS = {
+    'tiers': '/vrpn_client_node/{robot}_cap/pose',
+    'mrclam': '/{robot}/truth',
+    'lias': '/{robot}/truth',
+}
 # Least and greatest error of a range, in m and as a fraction.
 TABLES = {
     'plaza1': (-1.0, 1.5, 0.03, 0.1),
@@ -73,11 +79,11 @@ def bag_of(name, shared, bag):
     if name == 'tiers':
         return shared / 'data/tiers_uwb/rosbag2_shortbag', REPOSITORY / 'config/tiers_uwb.yaml', 17
     if name == 'mrclam':
-        convert_mrclam.convert(shared / 'data/mrclam/excerpt_D7_t800_822', bag)
+        assert convert_mrclam.convert(shared / 'data/mrclam/excerpt_D7_t800_822', bag) == 1
         return bag, bag.with_suffix('.yaml'), 10
     if name == 'lias':
         table = shared / 'data/lias_uwb/UWB_static_exp_8_14_pos1_deg_120.csv'
-        convert_lias.convert(shared / 'data/lias_uwb/geometry.json', table, bag)
+        assert convert_lias.convert(shared / 'data/lias_uwb/geometry.json', table, bag) == 3
         return bag, bag.with_suffix('.yaml'), 10
     return record(shared / 'data' / name, name, bag)
 
@@ -87,8 +93,10 @@ def test_the_answers_are_those_of_before(name, shared, tmp_path):
     bag, params, seconds = bag_of(name, shared, tmp_path / name)
     report = tmp_path / 'report.json'
     paths = ('-o', tmp_path / 'out', '--params', params, '--report', report)
-    assert localize_bag([str(a) for a in (bag, *paths, '--duration', seconds)]) == 0
+    truth = ('--truth', TRUTHS[name]) if name in TRUTHS else ()
+    assert localize_bag([str(a) for a in (bag, *paths, '--duration', seconds, *truth)]) == 0
     tree = json.loads(report.read_text())
+    assert not truth or tree['truth']['held'] == tree['truth']['compared'] >= 9
     _, answers = read(tmp_path / 'out', '/localizer/feasible_poses')
     found = {
         'hypotheses': tree['ticks_by_hypotheses'],

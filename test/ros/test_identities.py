@@ -16,7 +16,6 @@ from std_msgs.msg import String
 import yaml
 
 from dg_localization.fleet import FleetConfig, LinkKind, Localizer, RejectionReason
-from dg_localization.ros.bags.report import inputs_tree
 from dg_localization.ros.interface.identities import (
     MOST_CAMERAS,
     MOST_UNKNOWN,
@@ -141,14 +140,6 @@ def test_strangers_cannot_fill_the_memory(localizer, intake):
     assert max(map(len, counts(localizer))) < 100
 
 
-def test_the_report_counts_what_messages_brought_that_name_their_observer(intake):
-    link = parse_link(f'/uwb {TEXT} *')
-    take(intake, f'/uwb {TEXT} *', String(data='7 8:3.0 stranger:1.0'))
-    take(intake, f'/uwb {TEXT} *', String(data='9 7:3.0'))
-    report = inputs_tree([link], intake.states(NOW_S), {}, {})
-    assert (report['accepted'], report['rejected']) == (2, {'unknown_robot': 1})
-
-
 def test_more_readings_of_robots_than_the_fleet_can_need_are_refused(localizer, intake):
     text = '7 ' + ' '.join(['8:3.0'] * 7)
     _, malformed = take(intake, f'/uwb {TEXT} *', String(data=text))
@@ -178,21 +169,6 @@ def pixels_of_text(message):
 
 def camera_info(camera=CAMERA):
     return adapter_for(CAMERA_INFO).to_message(camera)
-
-
-def test_pixels_are_rays_by_the_matrix_of_their_camera(intake, rays, text_messages):
-    text_messages(PixelReading, pixels_of_text)
-    other = CameraReading(NOW_S, 'tele', (1000.0, 1000.0), (50.0, 50.0))
-    for camera in (CAMERA, other):
-        assert take(intake, f'/a/info {CAMERA_INFO} a', camera_info(camera)) == (None, None)
-    for frame in ('eye', 'tele'):
-        rays.clear()
-        take(intake, f'/a/tags {TEXT} a', String(data=f'{frame} 8:150:50 c:50:50'))
-        left = -1.0 if frame == 'eye' else -0.1
-        assert {pair: ray.tolist() for pair, ray in rays.items()} == {
-            ('a', 'b'): [1.0, left, 0.0],
-            ('a', 'c'): [1.0, 0.0, 0.0],
-        }
 
 
 @pytest.mark.parametrize(

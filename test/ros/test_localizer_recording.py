@@ -5,7 +5,6 @@
 
 from contextlib import ExitStack
 from itertools import groupby, pairwise
-import json
 import subprocess
 import sys
 
@@ -14,17 +13,10 @@ import pytest
 pytest.importorskip('rosbags', reason='rosbags is not installed')
 
 from processes import start  # noqa: E402
-from rclpy.qos import qos_profile_sensor_data  # noqa: E402
-from rclpy.serialization import serialize_message  # noqa: E402
-from small_bags import START_NS, read  # noqa: E402
+from small_bags import SIMULATION, START_NS, read, record_simulation, write_parameters  # noqa: E402
 from uwb_recording import CONFIG  # noqa: E402
 
-from dg_localization.ros.bags.writer import new_bag  # noqa: E402
 from dg_localization.ros.executables import localize_bag  # noqa: E402
-from dg_localization.ros.simulation.simulate_fleet import (  # noqa: E402
-    PARAMETERS,
-    SimulatedFleet,
-)
 from msg_adapters import Level, adapter_for  # noqa: E402
 
 REPLAY_RATE = '3'
@@ -33,31 +25,12 @@ poses_from_message = adapter_for('geometry_msgs/msg/PoseArray').from_message
 scene_from_message = adapter_for('visualization_msgs/msg/MarkerArray').from_message
 
 
-RECORDED_S, ODOMETRY_FROM_S, BUSY = 12.0, 4.0, 2
+ODOMETRY_FROM_S, BUSY = START_NS // 10**9 + 4, 2
 
 
-def record_fleet(path):
-    """Record six robots with cameras, whose odometry begins after a while."""
-    given = {'odometry': True, 'speed': 0.3}
-    values = {name: spec.default for name, spec in PARAMETERS.items()} | given
-    fleet = SimulatedFleet(values)
-    topics = set()
-    with new_bag(path) as writer:
-        for step in range(round(20.0 * RECORDED_S)):
-            time_s = 0.05 * step
-            times_s = time_s, 1e-9 * START_NS + time_s
-            messages = list(fleet.odometry_messages(*times_s))
-            if time_s < ODOMETRY_FROM_S:
-                messages.clear()
-            if step % 2 == 0:
-                messages += fleet.measurements(*times_s)
-            for topic, message in messages:
-                if topic not in topics:
-                    topics.add(topic)
-                    writer.add_output(f'/{topic}', type(message), qos_profile_sensor_data)
-                # Received at once: a node may hear of this time after the message.
-                time_ns = START_NS + 50_000_000 * step
-                writer.write(f'/{topic}', time_ns, serialize_message(message))
+def odometry_begins_later(topic, message):
+    late = topic.endswith('odom') and message.header.stamp.sec < ODOMETRY_FROM_S
+    return None if late else message
 
 
 def frames_of(arrays):
@@ -66,15 +39,16 @@ def frames_of(arrays):
 
 
 def test_frames_on_a_busy_machine_are_those_of_the_bag(bench, start_localizer, tmp_path):
-    bag, params, output = tmp_path / 'bag', tmp_path / 'params.yaml', tmp_path / 'answers'
-    record_fleet(bag)
+    output = tmp_path / 'answers'
+    simulated = {'odometry': True, 'speed': 0.3, 'path': SIMULATION['path'].default}
+    bag = record_simulation(tmp_path / 'bag', 12.0, odometry_begins_later, **simulated)
     given = {
         'robots': [f'robot_{i}' for i in range(1, 7)],
         'max_speed': 0.35,
         'max_turn_rate': 0.5,
         'bearing': {'half_width': 0.03},
     }
-    params.write_text(json.dumps({'/**': {'ros__parameters': given}}))
+    params = write_parameters(tmp_path, **given)
     assert localize_bag([str(bag), '-o', str(output), '--params', str(params)]) == 0
     offline = frames_of(read(output, '/localizer/feasible_poses')[1])
     assert offline == ['robot_1/base_link', 'robot_1/odom']

@@ -15,7 +15,7 @@ import pytest
 pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not installed")
 
 from processes import start, wait_for  # noqa: E402
-from small_bags import PARAMETERS, TRIANGLE, Recorder, counts, write_table  # noqa: E402
+from small_bags import TRIANGLE, Recorder, counts, write_parameters, write_table  # noqa: E402
 
 from dg_localization.ros.executables import localize_bag  # noqa: E402
 
@@ -32,8 +32,7 @@ def bags(tmp_path):
 @pytest.fixture
 def localize_all(tmp_path):
     """Localize bags; return the exit code and the text of the merged report."""
-    params = tmp_path / 'params.yaml'
-    params.write_text(json.dumps({'/**': {'ros__parameters': PARAMETERS}}))
+    params = write_parameters(tmp_path)
 
     def run(*arguments, output='out', report='all.json'):
         paths = ('-o', tmp_path / output, '--report', tmp_path / report, '--params', params)
@@ -72,8 +71,7 @@ def test_ctrl_c_leaves_bags_that_can_be_read(tmp_path):
         recorder = Recorder(tmp_path / name)
         recorder.write_triangle(range(400))
         bags.append(recorder.close())
-    params = tmp_path / 'params.yaml'
-    params.write_text(json.dumps({'/**': {'ros__parameters': {**PARAMETERS, 'rate': 100.0}}}))
+    params = write_parameters(tmp_path, rate=100.0)
     paths = *bags, '-o', tmp_path / 'out', '--params', params, '--jobs', '2'
     process = start('localize_bag', *paths, stderr=subprocess.DEVNULL, start_new_session=True)
     answers = [tmp_path / 'out' / bag.name / 'answers' for bag in bags]

@@ -3,7 +3,6 @@
 
 """The report as a page: what is in it, and what a browser shows of it."""
 
-import json
 import re
 import shutil
 import subprocess
@@ -16,7 +15,7 @@ pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not install
 image = pytest.importorskip('matplotlib.image', reason="the extra 'plots' is not installed")
 
 from matplotlib.colors import rgb_to_hsv, to_rgb  # noqa: E402
-from small_bags import PARAMETERS, write_table  # noqa: E402
+from small_bags import write_parameters, write_table  # noqa: E402
 
 from dg_localization.ros.bags.picture import COLORS  # noqa: E402
 from dg_localization.ros.executables import localize_bag  # noqa: E402
@@ -31,8 +30,7 @@ def page(triangle_bag, tmp_path):
     """Return the file of a report with a truth."""
     places = {'a': (7.0, 5.0), 'b': (10.0, 5.0), 'c': (7.0, 9.0)}
     table = write_table(tmp_path / 'truth.csv', lambda _: places, np.arange(0.0, 2.2, 0.1))
-    params, path = tmp_path / 'params.yaml', tmp_path / 'answers.html'
-    params.write_text(json.dumps({'/**': {'ros__parameters': PARAMETERS}}))
+    params, path = write_parameters(tmp_path), tmp_path / 'answers.html'
     arguments = [triangle_bag, '-o', tmp_path / 'out', '--params', params, '--report', path]
     assert localize_bag([str(one) for one in (*arguments, '--truth', table)]) == 0
     return path

@@ -92,53 +92,44 @@ def test_a_chain_of_transforms_ends_at_the_body():
         assert body == pytest.approx(rotation_of_quaternion(yaw_xyzw(turned)))
 
 
+def at(*stamps_s):
+    return odometry_of(*((stamp_s, 0.0, 0.0, 0.0) for stamp_s in stamps_s))
+
+
+SHARED = at_rest(frame='odom')
+B = 'b/base_link'
+
+
 @pytest.mark.parametrize(
-    'changes',
+    ('changes', 'odometry', 'others', 'expected'),
     [
-        {'frame': FixedFrame(FrameKind.HEADING, ('a',))},
-        {'frame': FixedFrame(FrameKind.ROBOTS, ('a', 'b'))},
-        {'frame': None},
-        {'n_hypotheses': 0},
-        {'n_hypotheses': 2},
-    ],
-    ids=['body frame', 'shape', 'no frame', 'none', 'ambiguous'],
-)
-def test_silence_unless_one_hypothesis_is_left_in_the_frame_of_the_anchors(changes):
-    assert found_of(estimate(**changes)) == ()
-
-
-@pytest.mark.parametrize(
-    'stamps_s', [(10.0, 10.1), (99.0, 99.1), (100.1, 100.2), (STAMP_S,), (99.7, 100.3)]
-)
-def test_odometry_that_does_not_reach_the_estimate_gives_silence_and_not_another_child(stamps_s):
-    odometry = odometry_of(*((stamp_s, 0.0, 0.0, 0.0) for stamp_s in stamps_s))
-    assert children(found_of(estimate(), odometry)) == {'b/base_link'}
-
-
-@pytest.mark.parametrize(
-    ('frame', 'body', 'child'),
-    [
-        ('', 'a_body', {'a_body'}),
-        ('', '', {'a/base_link'}),
-        # No frame is placed in itself.
-        ('map', 'a_body', set()),
-        ('', 'map', set()),
+        # Silence, unless one hypothesis is left in the frame of the anchors.
+        ({'frame': FixedFrame(FrameKind.HEADING, ('a',))}, (), {}, set()),
+        ({'frame': None}, (), {}, set()),
+        ({'n_hypotheses': 0}, (), {}, set()),
+        ({'n_hypotheses': 2}, (), {}, set()),
+        ({'known': (False, True)}, (), {}, {B}),
+        # Odometry that does not reach the estimate gives silence, not another child.
+        ({}, at(10.0, 10.1), {}, {B}),
+        ({}, at(100.1, 100.2), {}, {B}),
+        ({}, at(STAMP_S), {}, {B}),
+        ({}, at(99.7, 100.3), {}, {B}),
+        # Odometry without a frame names the body alone; no frame is placed in itself.
+        ({}, at_rest(frame=''), {'body': 'a_body'}, {'a_body', B}),
+        ({}, at_rest(frame=''), {'body': ''}, {'a/base_link', B}),
+        ({}, at_rest(frame='map'), {'body': 'a_body'}, {B}),
+        ({}, at_rest(frame=''), {'body': 'map'}, {B}),
+        # A frame that two robots call their own is that of neither, wherever one of them is.
+        ({}, SHARED, {'b': SHARED}, set()),
+        ({'known': (True, False)}, SHARED, {'b': SHARED}, set()),
     ],
 )
-def test_odometry_without_a_frame_names_the_body_alone(frame, body, child):
-    found = found_of(estimate(), at_rest(frame=frame), body)
-    assert children(found) == {*child, 'b/base_link'}
-
-
-@pytest.mark.parametrize('known', [(True, True), (True, False)])
-def test_a_frame_that_two_robots_call_their_own_is_left_out(known):
-    """That one of them has no place now does not make it that of the other."""
-    odometry = at_rest(frame='odom')
-    assert found_of(estimate(known=known), odometry, b=odometry) == ()
+def test_only_what_is_known_is_placed(changes, odometry, others, expected):
+    assert children(found_of(estimate(**changes), odometry, **others)) == expected
 
 
 def test_a_robot_whose_odometry_is_awaited_has_no_transform():
-    assert children(transforms(estimate(), 'map', {}, {}, awaited={'a'})) == {'b/base_link'}
+    assert children(transforms(estimate(), 'map', {}, {}, awaited={'a'})) == {B}
 
 
 def test_in_the_plane_a_ramp_does_not_tilt_the_odometry_frame():

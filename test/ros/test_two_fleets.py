@@ -3,12 +3,12 @@
 
 """Two fleets side by side, each in a namespace, started and looked at as an operator does."""
 
+from functools import partial
 import os
 from pathlib import Path
 import signal
 import subprocess
 
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray
 from launch_stand_ins import install, launched
 from processes import start
@@ -47,22 +47,17 @@ class Fleet:
 
 
 class Heard:
-    """The newest messages of both fleets."""
+    """The newest answers of both fleets."""
 
     def __init__(self, bench):
-        self.poses, self.statuses = {}, {}
+        self.poses = {}
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         for fleet in FLEETS:
-            bench.node.create_subscription(
-                PoseArray,
-                f'/{fleet}/localizer/feasible_poses',
-                lambda message, fleet=fleet: self.poses.update({fleet: message}),
-                latched,
-            )
-        bench.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
+            topic, take = f'/{fleet}/localizer/feasible_poses', partial(self._take, fleet)
+            bench.node.create_subscription(PoseArray, topic, take, latched)
 
-    def _on_diagnostics(self, message):
-        self.statuses.update({status.name: status for status in message.status})
+    def _take(self, fleet, message):
+        self.poses[fleet] = message
 
     def n_hypotheses(self, fleet):
         message = self.poses.get(fleet)
@@ -102,7 +97,7 @@ def both_answer(bench, fleets, heard):
 
 
 @pytest.mark.usefixtures('both_answer')
-def test_each_fleet_hears_itself_alone(bench, heard):
+def test_each_fleet_hears_itself_alone(bench):
     everybodys = {'/diagnostics', '/parameter_events', '/rosout'}
     for fleet in FLEETS:
         node = ('localizer', f'/{fleet}')
@@ -117,7 +112,7 @@ def test_each_fleet_hears_itself_alone(bench, heard):
         assert all(topic.startswith(f'/{fleet}/robot_') for topic in subscribed)
         assert all(topic.startswith(f'/{fleet}/') for topic in set(published) - everybodys)
         name = f'{fleet}/localizer: fleet'
-        bench.until(lambda name=name: name in heard.statuses, name)
+        bench.until(lambda name=name: name in bench.heard.statuses, name)
 
 
 @pytest.mark.usefixtures('both_answer')

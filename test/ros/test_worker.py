@@ -11,13 +11,9 @@ from threading import Event, get_native_id
 
 import pytest
 
-from dg_localization import SolverOptions
-from dg_localization.fleet import FleetConfig
 from dg_localization.ros.node.worker import (
     NICENESS,
     EstimateWorker,
-    longest_estimate_s,
-    patience_s,
 )
 
 DEADLINE_S = 60.0
@@ -39,13 +35,6 @@ def test_receiving_comes_before_estimating():
     lower = min(19, niceness() + NICENESS)
     assert worker.take() == (lower, lower)
     worker.close()
-
-
-def test_an_estimate_may_take_all_the_time_that_parameters_give_it():
-    given = SolverOptions(max_seconds=1.5)
-    fleet = FleetConfig(['a'], solver=given, memory_max_seconds=30.0, max_conflict_seconds=4.0)
-    assert longest_estimate_s(fleet) == 35.5
-    assert (patience_s(35.5), patience_s(0.2)) == (177.5, 10.0)
 
 
 def test_process_ends_although_the_thread_does_not():
