@@ -99,7 +99,7 @@ format: $(ready) ## Let ruff lay out the code
 	$(run) -m ruff check --fix .
 	$(run) -m ruff format .
 
-parameters: $(ready) ## Write config/localizer.yaml and docs/parameters.md from the table
+parameters: $(ready) ## Write config/localizer.yaml from the table
 	@$(run) -m dg_localization.ros.interface.parameters.document
 
 docs: $(ready) ## Build the pages of docs/ as HTML in build/docs

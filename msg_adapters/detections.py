@@ -15,14 +15,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from msg_adapters.headers import (
-    header_to_message,
-    message_class,
-    stamp_from_message,
-    xyz_from_message,
-)
+from msg_adapters.headers import header_of, header_to_message, message_class, xyz_from_message
 from msg_adapters.identified import IdentifiedReading
 from msg_adapters.registry import Adapter, register
 
@@ -92,16 +87,9 @@ class PixelReading:
 
     def seen_by(self, camera: CameraReading) -> IdentifiedReading:
         """Return the rays to the pixels of a camera."""
-        return _rays(self.stamp_s, self.target_ids, camera.rays(self.pixels_xy), self.frame_id)
-
-
-def _rays(
-    stamp_s: float, target_ids: Sequence[str], rays_xyz: ArrayLike, frame_id: str
-) -> IdentifiedReading:
-    """Return rays to targets, without ranges."""
-    rays = np.reshape(np.asarray(rays_xyz, dtype=float), (-1, 3))
-    no_ranges = np.full(len(target_ids), np.nan)
-    return IdentifiedReading(stamp_s, '', tuple(target_ids), no_ranges, rays, frame_id)
+        rays, unknown_m = camera.rays(self.pixels_xy), np.full(len(self.target_ids), np.nan)
+        args = self.stamp_s, '', self.target_ids, unknown_m, rays, self.frame_id
+        return IdentifiedReading(*args)
 
 
 def camera_from_message(message: Any) -> CameraReading:
@@ -125,13 +113,9 @@ def camera_from_message(message: Any) -> CameraReading:
     fx, cx = fx / bin_x, (cx - message.roi.x_offset) / bin_x
     fy, cy = fy / bin_y, (cy - message.roi.y_offset) / bin_y
     if not (0.0 < fx < math.inf and 0.0 < fy < math.inf and math.isfinite(cx + cy)):
-        raise ValueError(
-            f'focal lengths {fx}, {fy} and center {cx}, {cy} are not those of a camera that is '
-            'calibrated'
-        )
+        raise ValueError(f'focal lengths {fx}, {fy} and center {cx}, {cy} are not calibrated')
     return CameraReading(
-        stamp_s=stamp_from_message(message.header.stamp),
-        frame_id=message.header.frame_id,
+        **header_of(message),
         focal_px=(float(fx), float(fy)),
         center_px=(float(cx), float(cy)),
     )
@@ -208,11 +192,15 @@ def detections_3d_from_message(message: Any) -> IdentifiedReading:
     """
     centers = [xyz_from_message(found.bbox.center.position) for found in message.detections]
     rays = np.reshape(np.array(centers, dtype=float), (-1, 3))
-    frame_id = message.header.frame_id
-    if OPTICAL_SUFFIX in frame_id:
+    if OPTICAL_SUFFIX in message.header.frame_id:
         rays = rays @ FROM_OPTICAL.T
-    ids = [_class_of(detection) for detection in message.detections]
-    return _rays(stamp_from_message(message.header.stamp), ids, rays, frame_id)
+    return IdentifiedReading(
+        **header_of(message),
+        observer_id='',
+        target_ids=tuple(_class_of(detection) for detection in message.detections),
+        ranges_m=np.full(len(rays), np.nan),
+        rays_xyz=rays,
+    )
 
 
 def detections_3d_to_message(reading: IdentifiedReading) -> Any:
@@ -226,10 +214,9 @@ def _pixels(
     message: Any, target_ids: Sequence[str], centers: Sequence[tuple[float, float]]
 ) -> PixelReading:
     return PixelReading(
-        stamp_s=stamp_from_message(message.header.stamp),
+        **header_of(message),
         target_ids=tuple(target_ids),
         pixels_xy=np.reshape(np.array(centers, dtype=float), (-1, 2)),
-        frame_id=message.header.frame_id,
     )
 
 
@@ -243,11 +230,12 @@ def _class_of(detection: Any) -> str:
     return str(detection.results[scores.index(max(scores))].hypothesis.class_id)
 
 
-register(Adapter(CAMERA_INFO, CameraReading, camera_from_message, camera_to_message))
-register(Adapter(APRILTAGS, PixelReading, apriltags_from_message, apriltags_to_message))
-register(
-    Adapter(DETECTIONS_2D, PixelReading, detections_2d_from_message, detections_2d_to_message)
-)
-register(
-    Adapter(DETECTIONS_3D, IdentifiedReading, detections_3d_from_message, detections_3d_to_message)
-)
+for _adapter in (
+    Adapter(CAMERA_INFO, CameraReading, camera_from_message, camera_to_message),
+    Adapter(APRILTAGS, PixelReading, apriltags_from_message, apriltags_to_message),
+    Adapter(DETECTIONS_2D, PixelReading, detections_2d_from_message, detections_2d_to_message),
+    Adapter(
+        DETECTIONS_3D, IdentifiedReading, detections_3d_from_message, detections_3d_to_message
+    ),
+):
+    register(_adapter)

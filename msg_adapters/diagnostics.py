@@ -3,7 +3,6 @@
 
 """diagnostic_msgs/DiagnosticArray <-> `Diagnostics`."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any
@@ -38,7 +37,7 @@ class Status:
         One sentence.
     hardware_id : str
         The device it belongs to.
-    values : mapping of str to str
+    values : dict of str to str
         Figures, in the order to be shown.
 
     """
@@ -47,7 +46,7 @@ class Status:
     name: str
     message: str
     hardware_id: str = ''
-    values: Mapping[str, str] = field(default_factory=dict)
+    values: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -78,17 +77,14 @@ def diagnostics_from_message(message: Any) -> Diagnostics:
 
 def diagnostics_to_cdr(diagnostics: Diagnostics) -> bytes:
     """Write a serialized `diagnostic_msgs/DiagnosticArray`."""
-    writer = CdrWriter()
-    writer.header(diagnostics.stamp_s, '')
+    writer = CdrWriter(diagnostics.stamp_s)
     writer.uint32(len(diagnostics.statuses))
     for status in diagnostics.statuses:
         writer.uint8(status.level)
-        for text in (status.name, status.message, status.hardware_id):
-            writer.string(text)
+        writer.string(status.name, status.message, status.hardware_id)
         writer.uint32(len(status.values))
         for key, value in status.values.items():
-            writer.string(key)
-            writer.string(value)
+            writer.string(key, value)
     return writer.to_bytes()
 
 

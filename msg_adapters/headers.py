@@ -26,8 +26,11 @@ ENCAPSULATION = b'\x00\x01\x00\x00'
 class CdrWriter:
     """Writes the fields of a message one after the other, each at its alignment."""
 
-    def __init__(self) -> None:
+    def __init__(self, stamp_s: float | None = None, frame_id: str = '') -> None:
+        """Begin with a header where there is a stamp."""
         self._data = bytearray(ENCAPSULATION)
+        if stamp_s is not None:
+            self.header(stamp_s, frame_id)
 
     def to_bytes(self) -> bytes:
         """Return what was written."""
@@ -56,30 +59,25 @@ class CdrWriter:
         self._align(4)
         self._data += struct.pack('<i', value)
 
-    def uint32(self, value: int) -> None:
-        """Write a uint32, such as the length of a sequence."""
+    def uint32(self, *values: int) -> None:
+        """Write each as a uint32, such as the length of a sequence."""
         self._align(4)
-        self._data += struct.pack('<I', value)
+        self._data += struct.pack(f'<{len(values)}I', *values)
 
-    def string(self, text: str) -> None:
-        """Write a string."""
-        data = text.encode()
-        self.uint32(len(data) + 1)
-        self._data += data
-        self._data.append(0)
+    def string(self, *texts: str) -> None:
+        """Write strings."""
+        for text in texts:
+            data = text.encode() + b'\0'
+            self.uint32(len(data))
+            self._data += data
 
-    def float64s(self, values: ArrayLike) -> None:
-        """Write numbers one after the other; a sequence needs its length before."""
-        self._numbers(np.asarray(values, dtype='<f8'))
-
-    def float32s(self, values: ArrayLike) -> None:
-        """Write numbers in single precision one after the other."""
-        self._numbers(np.asarray(values, dtype='<f4'))
-
-    def _numbers(self, values: np.ndarray) -> None:
-        if values.size:
-            self._align(values.itemsize)
-            self._data += values.tobytes()
+    def numbers(self, *parts: ArrayLike, kind: str = '<f8') -> None:
+        """Write arrays of numbers one after the other; a sequence needs its length before."""
+        for part in parts:
+            values = np.asarray(part, dtype=kind)
+            if values.size:
+                self._align(values.itemsize)
+                self._data += values.tobytes()
 
 
 def message_class(type_name: str) -> Any:
@@ -123,11 +121,14 @@ def stamp_from_message(stamp: Any) -> float:
 
     """
     if not 0 <= stamp.nanosec < _NS_PER_S:
-        raise ValueError(
-            f'nanosec {stamp.nanosec} of the stamp (sec {stamp.sec}) is not allowed, it must be '
-            f'at least 0 and below {_NS_PER_S}'
-        )
+        raise ValueError(f'nanosec {stamp.nanosec} of the stamp must be below {_NS_PER_S}')
     return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
+
+
+def header_of(message: Any) -> dict[str, Any]:
+    """Return the stamp in s and the frame of a message that has a header."""
+    stamp_s = stamp_from_message(message.header.stamp)
+    return {'stamp_s': stamp_s, 'frame_id': message.header.frame_id}
 
 
 def split_time(name: str, time_s: float) -> tuple[int, int]:

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_adapters.headers import header_to_message, message_class, stamp_from_message
+from msg_adapters.headers import header_of, header_to_message, message_class
 from msg_adapters.registry import Adapter, register
 
 RANGE_STAMPED = 'uwb_ros/msg/RangeStamped'
@@ -71,20 +71,19 @@ class IdentifiedReading:
         if len(self.rays_xyz) == 0:
             object.__setattr__(self, 'rays_xyz', np.full((n_targets, 3), np.nan))
         if self.ranges_m.shape != (n_targets,) or self.rays_xyz.shape != (n_targets, 3):
+            shapes = f'{self.ranges_m.shape} and {self.rays_xyz.shape}'
             raise ValueError(
-                f'{n_targets} ids need as many ranges and rays; there are ranges of shape '
-                f'{self.ranges_m.shape} and rays of shape {self.rays_xyz.shape}'
+                f'{n_targets} ids need as many ranges and rays, not of shapes {shapes}'
             )
 
 
 def range_stamped_from_message(message: Any) -> IdentifiedReading:
     """Read a `uwb_ros/RangeStamped`; the ids are the numbers of the radios."""
     return IdentifiedReading(
-        stamp_s=stamp_from_message(message.header.stamp),
+        **header_of(message),
         observer_id=str(int(message.from_id)),
         target_ids=(str(int(message.to_id)),),
         ranges_m=np.array([float(message.range)]),
-        frame_id=message.header.frame_id,
     )
 
 
@@ -92,17 +91,10 @@ def range_stamped_to_message(reading: IdentifiedReading) -> Any:
     """Write a `uwb_ros/RangeStamped`; raise ValueError if there is not exactly one target."""
     message = message_class(RANGE_STAMPED)()
     message.header = header_to_message(reading.stamp_s, reading.frame_id)
-    target_id = _only_target(reading)
+    (target_id,), (range_m,) = reading.target_ids, reading.ranges_m
     message.from_id, message.to_id = int(reading.observer_id), int(target_id)
-    message.range = float(reading.ranges_m[0])
+    message.range = float(range_m)
     return message
-
-
-def _only_target(reading: IdentifiedReading) -> str:
-    """Return the id of the only target."""
-    if len(reading.target_ids) != 1:
-        raise ValueError(f'{len(reading.target_ids)} targets, the message has one')
-    return reading.target_ids[0]
 
 
 def sensor_uwb_from_message(message: Any) -> IdentifiedReading:
@@ -124,9 +116,9 @@ def sensor_uwb_to_message(reading: IdentifiedReading) -> Any:
     """Write a `px4_msgs/SensorUwb`; raise ValueError if there is not exactly one target."""
     message = message_class(SENSOR_UWB)()
     message.timestamp = round(1e6 * reading.stamp_s)
-    target_id = _only_target(reading)
+    (target_id,), (range_m,) = reading.target_ids, reading.ranges_m
     message.mac, message.mac_dest = int(reading.observer_id), int(target_id)
-    message.distance = float(reading.ranges_m[0])
+    message.distance = float(range_m)
     return message
 
 
@@ -136,13 +128,12 @@ def node_frame_from_message(message: Any) -> IdentifiedReading:
 
     Not all of these frames have a header.
     """
-    header = getattr(message, 'header', None)
+    has_header = hasattr(message, 'header')
     return IdentifiedReading(
-        stamp_s=0.0 if header is None else stamp_from_message(header.stamp),
+        **(header_of(message) if has_header else {'stamp_s': 0.0}),
         observer_id=_role_and_id(message),
         target_ids=tuple(_role_and_id(node) for node in message.nodes),
         ranges_m=np.array([node.dis for node in message.nodes], dtype=float),
-        frame_id='' if header is None else header.frame_id,
     )
 
 

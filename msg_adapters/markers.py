@@ -108,33 +108,28 @@ def _write_marker(
 ) -> None:
     if len(marker.colors_rgba) != len(marker.points_m):
         raise ValueError(
-            f'marker {marker.namespace}/{marker.identifier} has {len(marker.points_m)} points '
-            f'and {len(marker.colors_rgba)} colors; give one color for each point'
+            f'marker {marker.namespace}/{marker.identifier} needs a color for each point'
         )
     is_text = marker.shape is Shape.TEXT
     writer.header(scene.stamp_s, scene.frame_id)
     writer.string(marker.namespace)
     for number in (marker.identifier, marker.shape, action):
         writer.int32(number)
-    writer.float64s(marker.points_m[0] if is_text else np.zeros(3))
-    writer.float64s([0.0, 0.0, 0.0, 1.0])  # orientation
-    writer.float64s(np.full(3, marker.size_m))
-    writer.float32s(marker.colors_rgba[0] if is_text else np.zeros(4))
+    writer.numbers(marker.points_m[0] if is_text else np.zeros(3))
+    writer.numbers([0.0, 0.0, 0.0, 1.0], np.full(3, marker.size_m))  # orientation, scale
+    writer.numbers(marker.colors_rgba[0] if is_text else np.zeros(4), kind='<f4')
     writer.time('lifetime', lifetime_s)
     writer.uint8(False)  # frame_locked
     n_points = 0 if is_text else len(marker.points_m)
     writer.uint32(n_points)
-    writer.float64s(marker.points_m[:n_points])
+    writer.numbers(marker.points_m[:n_points])
     writer.uint32(n_points)
-    writer.float32s(marker.colors_rgba[:n_points])
+    writer.numbers(marker.colors_rgba[:n_points], kind='<f4')
     writer.string('')  # texture_resource
     writer.header(0.0, '')  # texture: header, format, data
     writer.string('')
-    writer.uint32(0)
-    writer.uint32(0)  # uv_coordinates
-    writer.string(marker.text)
-    writer.string('')  # mesh_resource
-    writer.string('')  # mesh_file: name, data
+    writer.uint32(0, 0)  # the end of the texture, and uv_coordinates
+    writer.string(marker.text, '', '')  # text, mesh_resource, mesh_file: name, data
     writer.uint32(0)
     writer.uint8(False)  # mesh_use_embedded_materials
 

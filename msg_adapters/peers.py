@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_adapters.headers import header_to_message, stamp_from_message
+from msg_adapters.headers import CdrWriter, decoded, header_of
 from msg_adapters.registry import Adapter, register
 
 TYPE_NAME = 'sensor_msgs/msg/PointCloud2'
@@ -33,9 +33,7 @@ COLUMNS = {'peer': INTEGERS, 'range': FLOATS, 'x': FLOATS, 'y': FLOATS, 'z': FLO
 
 # What is written: one point after the other, without gaps.
 WRITTEN = np.dtype([('peer', '<u4'), *((name, '<f8') for name in ('range', *RAY))])
-OFFSETS = {'peer': 0, 'range': 4, 'x': 12, 'y': 20, 'z': 28}
-UINT32 = 6
-FLOAT64 = 8
+OFFSETS, DATATYPES = (0, 4, 12, 20, 28), (6, 8, 8, 8, 8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,45 +81,49 @@ def peers_from_message(message: Any) -> PeersReading:
         for name in ('range', *RAY)
     }
     return PeersReading(
-        stamp_s=stamp_from_message(message.header.stamp),
+        **header_of(message),
         peers=table['peer'].astype(np.int64),
         ranges_m=columns['range'],
         rays_xyz=np.column_stack([columns[name] for name in RAY]),
-        frame_id=message.header.frame_id,
     )
 
 
 def _table(message: Any) -> NDArray[Any]:
     """Return the rows of a cloud as a structured array."""
     dtype = _row_type(message)
-    height, width, row_step = message.height, message.width, message.row_step
-    data = bytes(message.data)
-    if row_step < width * dtype.itemsize:
+    shape, row_step = (message.height, message.width), message.row_step
+    if row_step < message.width * dtype.itemsize or len(message.data) < message.height * row_step:
         raise ValueError(
-            f'row_step is {row_step} bytes, it must hold width {width} times point_step '
-            f'{dtype.itemsize}'
+            f'{len(message.data)} bytes of data and a row_step of {row_step} do not hold height '
+            f'{message.height} times width {message.width} times point_step {dtype.itemsize}'
         )
-    if len(data) < height * row_step:
-        raise ValueError(
-            f'data is {len(data)} bytes long, it must hold height {height} times row_step '
-            f'{row_step}'
-        )
-    if height * width == 0:
+    if 0 in shape:
         return np.empty(0, dtype)
-    rows = np.ndarray((height, width), dtype, data, strides=(row_step, dtype.itemsize))
-    return rows.reshape(-1)
+    strides = row_step, dtype.itemsize
+    return np.ndarray(shape, dtype, bytes(message.data), strides=strides).reshape(-1)
 
 
 def _row_type(message: Any) -> np.dtype[Any]:
-    """Return the numpy type of one point of a cloud."""
+    """Return the numpy type of one point of a cloud; it refuses fields that do not fit in it."""
     fields = [field for field in message.fields if field.name in COLUMNS]
-    _check_names([field.name for field in fields])
+    names = [field.name for field in fields]
+    rays = [name for name in RAY if name in names]
+    if 'peer' not in names or not ('range' in names or rays) or len(rays) not in (0, 3):
+        raise ValueError(
+            f"fields {names} are not enough, there must be 'peer', and 'range' or 'x', 'y' and "
+            "'z' or all of them"
+        )
     for field in fields:
-        _check_field(field, message.point_step)
+        # Some writers leave the count of a single number at zero.
+        if field.datatype not in COLUMNS[field.name] or field.count > 1:
+            raise ValueError(
+                f"field '{field.name}' has datatype {field.datatype} and count {field.count}, it "
+                f'must be one number of a datatype of {list(COLUMNS[field.name])}'
+            )
     order = '>' if message.is_bigendian else '<'
     return np.dtype(
         {
-            'names': [field.name for field in fields],
+            'names': names,
             'formats': [order + COLUMNS[field.name][field.datatype] for field in fields],
             'offsets': [field.offset for field in fields],
             'itemsize': message.point_step,
@@ -129,66 +131,25 @@ def _row_type(message: Any) -> np.dtype[Any]:
     )
 
 
-def _check_names(names: list[str]) -> None:
-    for name in COLUMNS:
-        if names.count(name) > 1:
-            raise ValueError(f"field '{name}' is there {names.count(name)} times, not once")
-    rays = [name for name in RAY if name in names]
-    if 'peer' not in names or not ('range' in names or rays) or len(rays) not in (0, 3):
-        raise ValueError(
-            f"fields {names} are not enough, there must be 'peer', and 'range' or 'x', 'y' and "
-            "'z' or all of them"
-        )
-
-
-def _check_field(field: Any, point_step: int) -> None:
-    formats = COLUMNS[field.name]
-    if field.datatype not in formats:
-        kind = 'an integer' if formats is INTEGERS else 'a float'
-        raise ValueError(
-            f"field '{field.name}' has datatype {field.datatype}, it must be {kind}: one of "
-            f'{list(formats)}'
-        )
-    # Some writers leave the count of a single number at zero.
-    if field.count > 1:
-        raise ValueError(f"field '{field.name}' has count {field.count}, it must be 1")
-    size = np.dtype(formats[field.datatype]).itemsize
-    if field.offset + size > point_step:
-        raise ValueError(
-            f"field '{field.name}' ends at byte {field.offset + size}, it must lie within "
-            f'point_step {point_step}'
-        )
-
-
-def peers_to_message(reading: PeersReading) -> Any:
-    """Write a `sensor_msgs/PointCloud2` with all five columns, the numbers in double precision."""
-    from sensor_msgs.msg import PointCloud2, PointField
-
+def peers_to_cdr(reading: PeersReading) -> bytes:
+    """Write a serialized `sensor_msgs/PointCloud2` of all five columns, in double precision."""
     table = np.empty(len(reading.peers), WRITTEN)
-    table['peer'] = reading.peers
-    table['range'] = reading.ranges_m
+    table['peer'], table['range'] = reading.peers, reading.ranges_m
     for axis, name in enumerate(RAY):
         table[name] = reading.rays_xyz[:, axis]
-    return PointCloud2(
-        header=header_to_message(reading.stamp_s, reading.frame_id),
-        height=1,
-        width=len(table),
-        fields=[
-            PointField(
-                name=name,
-                offset=offset,
-                datatype=UINT32 if name == 'peer' else FLOAT64,
-                count=1,
-            )
-            for name, offset in OFFSETS.items()
-        ],
-        is_bigendian=False,
-        point_step=WRITTEN.itemsize,
-        row_step=WRITTEN.itemsize * len(table),
-        data=table.tobytes(),
-        # Whether all numbers are finite.
-        is_dense=bool(np.isfinite([*reading.ranges_m, *reading.rays_xyz.ravel()]).all()),
-    )
+    writer = CdrWriter(reading.stamp_s, reading.frame_id)
+    writer.uint32(1, len(table), len(COLUMNS))
+    for name, datatype, offset in zip(COLUMNS, DATATYPES, OFFSETS, strict=True):
+        writer.string(name)
+        writer.uint32(offset)
+        writer.uint8(datatype)
+        writer.uint32(1)  # count
+    writer.uint8(False)  # is_bigendian
+    writer.uint32(WRITTEN.itemsize, table.nbytes, table.nbytes)
+    writer.numbers(table.view(np.uint8), kind='u1')
+    writer.uint8(bool(np.isfinite([*reading.ranges_m, *reading.rays_xyz.ravel()]).all()))
+    return writer.to_bytes()
 
 
+peers_to_message = decoded(TYPE_NAME, peers_to_cdr)
 register(Adapter(TYPE_NAME, PeersReading, peers_from_message, peers_to_message))

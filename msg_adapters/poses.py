@@ -16,13 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_adapters.headers import (
-    CdrWriter,
-    decoded,
-    stamp_from_message,
-    xyz_from_message,
-    xyzw_from_message,
-)
+from msg_adapters.headers import CdrWriter, decoded, header_of, xyz_from_message, xyzw_from_message
 from msg_adapters.registry import Adapter, register
 
 POSE_ARRAY = 'geometry_msgs/msg/PoseArray'
@@ -85,8 +79,7 @@ def pose_array_from_message(message: Any) -> PoseList:
     positions = [xyz_from_message(pose.position) for pose in message.poses]
     orientations = [xyzw_from_message(pose.orientation) for pose in message.poses]
     return PoseList(
-        stamp_s=stamp_from_message(message.header.stamp),
-        frame_id=message.header.frame_id,
+        **header_of(message),
         positions_m=np.reshape(positions, (-1, 3)),
         orientations_xyzw=np.reshape(orientations, (-1, 4)),
     )
@@ -103,10 +96,9 @@ def pose_array_to_cdr(poses: PoseList) -> bytes:
 
     """
     rows = np.concatenate([poses.positions_m, poses.orientations_xyzw], axis=1)
-    writer = CdrWriter()
-    writer.header(poses.stamp_s, poses.frame_id)
+    writer = CdrWriter(poses.stamp_s, poses.frame_id)
     writer.uint32(len(rows))
-    writer.float64s(rows)
+    writer.numbers(rows)
     return writer.to_bytes()
 
 
@@ -122,11 +114,8 @@ def uncertain_pose_to_cdr(estimate: UncertainPose) -> bytes:
     """
     if np.shape(estimate.covariance) != (6, 6):
         raise ValueError(f'covariance has shape {np.shape(estimate.covariance)}, not (6, 6)')
-    writer = CdrWriter()
-    writer.header(estimate.stamp_s, estimate.frame_id)
-    writer.float64s(estimate.position_xyz)
-    writer.float64s(estimate.orientation_xyzw)
-    writer.float64s(estimate.covariance)
+    writer = CdrWriter(estimate.stamp_s, estimate.frame_id)
+    writer.numbers(estimate.position_xyz, estimate.orientation_xyzw, estimate.covariance)
     return writer.to_bytes()
 
 
@@ -134,8 +123,7 @@ def uncertain_pose_from_message(message: Any) -> UncertainPose:
     """Read a `geometry_msgs/PoseWithCovarianceStamped`."""
     pose = message.pose.pose
     return UncertainPose(
-        stamp_s=stamp_from_message(message.header.stamp),
-        frame_id=message.header.frame_id,
+        **header_of(message),
         position_xyz=xyz_from_message(pose.position),
         orientation_xyzw=xyzw_from_message(pose.orientation),
         covariance=np.array(message.pose.covariance, dtype=float).reshape(6, 6),
@@ -174,8 +162,7 @@ def transforms_to_cdr(transforms: Sequence[Transform]) -> bytes:
     for transform in transforms:
         writer.header(transform.stamp_s, transform.frame_id)
         writer.string(transform.child_frame_id)
-        writer.float64s(transform.translation_m)
-        writer.float64s(transform.rotation_xyzw)
+        writer.numbers(transform.translation_m, transform.rotation_xyzw)
     return writer.to_bytes()
 
 

@@ -16,13 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_adapters.headers import (
-    CdrWriter,
-    decoded,
-    stamp_from_message,
-    xyz_from_message,
-    xyzw_from_message,
-)
+from msg_adapters.headers import CdrWriter, decoded, header_of, xyz_from_message, xyzw_from_message
 from msg_adapters.registry import Adapter, register
 
 RANGE = 'sensor_msgs/msg/Range'
@@ -77,12 +71,11 @@ def range_from_message(message: Any) -> RangeReading:
     limits_given = message.min_range != 0.0 or message.max_range != 0.0
     variance_m2 = float(getattr(message, 'variance', 0.0))
     return RangeReading(
-        stamp_s=stamp_from_message(message.header.stamp),
+        **header_of(message),
         range_m=float(message.range),
         min_range_m=float(message.min_range) if limits_given else None,
         max_range_m=float(message.max_range) if limits_given else None,
         variance_m2=variance_m2 if variance_m2 != 0.0 else None,
-        frame_id=message.header.frame_id,
     )
 
 
@@ -93,11 +86,10 @@ def range_to_cdr(reading: RangeReading) -> bytes:
     `radiation_type` stays at its default: the message has no value for radio.
     The fields are 32 bit floats, so a range of 8 m is rounded to 0.5 micrometers.
     """
-    writer = CdrWriter()
-    writer.header(reading.stamp_s, reading.frame_id)
+    writer = CdrWriter(reading.stamp_s, reading.frame_id)
     writer.uint8(0)  # radiation_type
     limits_m = reading.min_range_m or 0.0, reading.max_range_m or 0.0
-    writer.float32s([0.0, *limits_m, reading.range_m, reading.variance_m2 or 0.0])
+    writer.numbers([0.0, *limits_m, reading.range_m, reading.variance_m2 or 0.0], kind='<f4')
     return writer.to_bytes()
 
 
@@ -125,17 +117,15 @@ class BearingReading:
 def bearing_from_message(message: Any) -> BearingReading:
     """Read a `geometry_msgs/Vector3Stamped`; the ray is passed on as it is, even a zero one."""
     return BearingReading(
-        stamp_s=stamp_from_message(message.header.stamp),
+        **header_of(message),
         ray_xyz=xyz_from_message(message.vector),
-        frame_id=message.header.frame_id,
     )
 
 
 def bearing_to_cdr(reading: BearingReading) -> bytes:
     """Write a serialized `geometry_msgs/Vector3Stamped`."""
-    writer = CdrWriter()
-    writer.header(reading.stamp_s, reading.frame_id)
-    writer.float64s(reading.ray_xyz)
+    writer = CdrWriter(reading.stamp_s, reading.frame_id)
+    writer.numbers(reading.ray_xyz)
     return writer.to_bytes()
 
 
@@ -168,21 +158,18 @@ def odometry_from_message(message: Any) -> OdometryReading:
     """Read a `nav_msgs/Odometry`."""
     pose = message.pose.pose
     return OdometryReading(
-        stamp_s=stamp_from_message(message.header.stamp),
+        **header_of(message),
         position_xyz=xyz_from_message(pose.position),
         orientation_xyzw=xyzw_from_message(pose.orientation),
-        frame_id=message.header.frame_id,
         child_frame_id=message.child_frame_id,
     )
 
 
 def odometry_to_cdr(reading: OdometryReading) -> bytes:
     """Write a serialized `nav_msgs/Odometry` with zero twist and zero covariances."""
-    writer = CdrWriter()
-    writer.header(reading.stamp_s, reading.frame_id)
+    writer = CdrWriter(reading.stamp_s, reading.frame_id)
     writer.string(reading.child_frame_id)
-    writer.float64s([*reading.position_xyz, *reading.orientation_xyzw])
-    writer.float64s(np.zeros(36 + 6 + 36))
+    writer.numbers(reading.position_xyz, reading.orientation_xyzw, np.zeros(36 + 6 + 36))
     return writer.to_bytes()
 
 
@@ -210,17 +197,15 @@ class ElevationReading:
 def elevation_from_message(message: Any) -> ElevationReading:
     """Read the z of a `geometry_msgs/PointStamped`."""
     return ElevationReading(
-        stamp_s=stamp_from_message(message.header.stamp),
+        **header_of(message),
         elevation_m=float(message.point.z),
-        frame_id=message.header.frame_id,
     )
 
 
 def elevation_to_cdr(reading: ElevationReading) -> bytes:
     """Write a serialized `geometry_msgs/PointStamped`."""
-    writer = CdrWriter()
-    writer.header(reading.stamp_s, reading.frame_id)
-    writer.float64s([0.0, 0.0, reading.elevation_m])
+    writer = CdrWriter(reading.stamp_s, reading.frame_id)
+    writer.numbers([0.0, 0.0, reading.elevation_m])
     return writer.to_bytes()
 
 

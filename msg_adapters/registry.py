@@ -53,10 +53,8 @@ class Adapter:
         try:
             found: type = message_class(self.type_name)
         except (ImportError, AttributeError) as error:
-            raise UnknownTypeError(
-                f'message type {self.type_name} cannot be imported ({error}); '
-                f'install the ROS package {self.type_name.partition("/")[0]}'
-            ) from error
+            advice = f'install the ROS package {self.type_name.partition("/")[0]}'
+            raise UnknownTypeError(f'{self.type_name} cannot be imported; {advice}') from error
         return found
 
 

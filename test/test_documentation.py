@@ -85,7 +85,13 @@ def test_commands_are_executables_benchmarks_or_files():
 
 
 def test_parameters_that_the_pages_name_exist():
-    known = set(re.findall(r'^\| `([\w.]+)`', text_of(REPOSITORY / 'docs/parameters.md'), re.M))
+    known, room = set(), ''
+    for line in text_of(REPOSITORY / 'config/localizer.yaml').splitlines():
+        indent, name, value = re.fullmatch(r'( *)([\w/*]*):?(.*)', line).groups()
+        if name and indent == 4 * ' ':
+            room = '' if value else f'{name}.'
+        if name and value:
+            known.add(room + name)
     rooms = {parameter.partition('.')[0] for parameter in known if '.' in parameter}
     for page in (README, *DOCS):
         named = re.findall(r'`(\w+\.[a-z_]+)(?::[^`]*)?`', without_code(text_of(page)))

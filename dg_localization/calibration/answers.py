@@ -9,12 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.calibration.truth import (
-    FloatArray,
-    TrueTrack,
-    without_heights,
-    without_tilt,
-)
+from dg_localization.calibration.truth import FloatArray, TrueTrack, without_heights, without_tilt
 from dg_localization.fleet import FixedFrame, FleetConfig, FrameKind, Placement
 from dg_localization.fleet.rotations import rotation_angle_rad, rotation_of_quaternion
 from dg_localization.fleet.snapshot import Snapshot

@@ -97,12 +97,12 @@ def fit_range(
     readings, errors = np.asarray(readings_m, dtype=float), np.asarray(errors_m, dtype=float)
     if shape.relative:
         fractions = errors / readings
-        low, high = _rounded(_widened(shortest_band(fractions, choice.keep), choice.margin))
+        low, high = rounded_outward(_widened(shortest_band(fractions, choice.keep), choice.margin))
         if high < 1.0:
             likeliest_m = float(np.median(errors))
             return RangeErrorModel(0.0, 0.0, low, high, expected_error_m=likeliest_m)
     rest_m = errors - shape.slope * readings
-    low_m, high_m = _rounded(_widened(shortest_band(rest_m, choice.keep), choice.margin))
+    low_m, high_m = rounded_outward(_widened(shortest_band(rest_m, choice.keep), choice.margin))
     return RangeErrorModel(
         *(low_m, high_m, shape.slope, shape.slope),
         expected_error_m=float(np.median(rest_m)),
@@ -198,12 +198,6 @@ def missing_m(scatter_m: ArrayLike, half_widths_m: ArrayLike, choice: Choice) ->
     return missing, int(np.count_nonzero(beyond))
 
 
-def rounded_outward(low_m: float, high_m: float) -> RangeErrorModel:
-    """Return constant bounds in the decimals that are printed."""
-    low_m, high_m = _rounded((low_m, high_m))
-    return RangeErrorModel(low_m, high_m, min_error_relative=0.0, max_error_relative=0.0)
-
-
 def fit_half_width_rad(errors_rad: ArrayLike, choice: Choice) -> float:
     """
     Return the bound of the angles between rays and true directions.
@@ -216,7 +210,7 @@ def fit_half_width_rad(errors_rad: ArrayLike, choice: Choice) -> float:
     """
     sizes = np.sort(np.abs(errors_rad))
     widest = float(sizes[n_kept(len(sizes), choice.keep) - 1])
-    return min(math.pi, _rounded((0.0, widest * (1.0 + choice.margin)))[1])
+    return min(math.pi, rounded_outward((0.0, widest * (1.0 + choice.margin)))[1])
 
 
 def excluded_ranges(model: RangeErrorModel, readings_m: ArrayLike, errors_m: ArrayLike) -> int:
@@ -241,7 +235,7 @@ def _widened(band: tuple[float, float], margin: float) -> tuple[float, float]:
     return band[0] - extra, band[1] + extra
 
 
-def _rounded(band: tuple[float, float]) -> tuple[float, float]:
+def rounded_outward(band: tuple[float, float]) -> tuple[float, float]:
     """Round outward to the decimals that are printed."""
     scale = 10.0**DECIMALS
     return math.floor(band[0] * scale) / scale, math.ceil(band[1] * scale) / scale

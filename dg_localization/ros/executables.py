@@ -36,6 +36,10 @@ EXIT_WRONG_USAGE = 2
 # What a shell makes of SIGINT: half an answer must not look whole to a script.
 EXIT_INTERRUPTED = 130
 
+EXIT_CODES = (
+    'Exit codes: 0; 1 where it could not go on, as on a damaged bag; 2 when an argument or a '
+    'parameter is wrong; 130 after a signal.'
+)
 # The last one comes when the terminal is closed, or the connection of ssh is lost.
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -121,8 +125,10 @@ def make_progress(total_s: float) -> Any:
     )
 
 
-def number(low: float, unit: str, strict: bool = False) -> Callable[[str], float]:
-    """Return an argument type: a finite number of at least `low`, or above it."""
+def number(
+    low: float, unit: str, strict: bool = False, high: float = sys.float_info.max
+) -> Callable[[str], float]:
+    """Return an argument type: a finite number of at least `low`, or above it, up to `high`."""
     wanted = f'a number {"above" if strict else "of at least"} {low:g}{unit}'
 
     def parse(text: str) -> float:
@@ -130,7 +136,7 @@ def number(low: float, unit: str, strict: bool = False) -> Callable[[str], float
             value = float(text)
         except ValueError:
             value = float('nan')
-        if not low <= value < float('inf') or (strict and value == low):
+        if not low <= value <= high or (strict and value == low):
             raise argparse.ArgumentTypeError(f"'{text}' is not {wanted}")
         return value
 
@@ -177,10 +183,9 @@ def add_fleet(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add('--params', type=existing_file, required=True, metavar='FILE', help='of the node')
     where = (
-        "where the robots truly were: '/mocap/{robot}/pose' with a pose for each robot, a "
-        'PoseArray of all in the order of the robots, or a table (.csv, .txt, .tum) with the '
-        'columns stamp, robot, x, y, and where they are known z, and yaw or qx, qy, qz, qw; a '
-        "table of one robot, such as 'truth_{robot}.tum', needs no column robot"
+        "where the robots truly were: poses of each on '/mocap/{robot}/pose', a PoseArray of all "
+        'in their order, or a table (.csv, .txt, .tum) with the columns stamp, robot (not in '
+        "'truth_{robot}.tum'), x, y, and where they are known z, and yaw or qx, qy, qz, qw"
     )
     add('--truth', nargs='+', default=[], metavar='TRUTH', help=where)
 

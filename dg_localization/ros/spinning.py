@@ -17,12 +17,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from dg_localization.ros.executables import (
-    ExecutableError,
-    StopRequest,
-    UsageError,
-    stop_request,
-)
+from dg_localization.ros.executables import ExecutableError, StopRequest, UsageError, stop_request
 
 REPEATED_ERROR_S = 5.0
 # A message waits for up to this long.

@@ -9,11 +9,7 @@ import numpy as np
 import pytest
 
 from dg_localization.calibration.bounds import Choice
-from dg_localization.calibration.odometry import (
-    fit_odometry,
-    n_excluded,
-    odometry_windows,
-)
+from dg_localization.calibration.odometry import fit_odometry, n_excluded, odometry_windows
 from dg_localization.calibration.truth import TrueTrack
 from dg_localization.fleet import OdometryErrorModel
 from dg_localization.fleet.rotations import quaternion_product

@@ -104,13 +104,13 @@ RANGES = {'peer': 'u4', 'range': 'f4'}
         ({'range': 'f4'}, {}, r"fields \['range'\] are not enough, there must be 'peer'"),
         ({'peer': 'u4'}, {}, r"fields \['peer'\] are not enough"),
         ({'peer': 'u4', 'x': 'f4', 'y': 'f4'}, {}, 'not enough'),
-        ({'peer': 'f4', 'range': 'f4'}, {}, "field 'peer' has datatype 7, it must be an integer"),
-        ({'peer': 'u4', 'range': 'i4'}, {}, "field 'range' has datatype 5, it must be a float"),
+        ({'peer': 'f4', 'range': 'f4'}, {}, "field 'peer' has datatype 7 and count 1"),
+        ({'peer': 'u4', 'range': 'i4'}, {}, "field 'range' has datatype 5"),
         ({'peer': 'u8', 'range': 'f4'}, {}, "field 'peer' has datatype 0"),
-        (RANGES, {'data': b'123'}, 'data is 3 bytes long, it must hold height 1 times row_step'),
-        (RANGES, {'width': 4}, 'row_step is 24 bytes, it must hold width 4 times point_step 8'),
-        (RANGES, {'height': 2}, 'data is 24 bytes long'),
-        (RANGES, {'point_step': 0}, "field 'peer' ends at byte 4, it must lie within point_step"),
+        (RANGES, {'data': b'123'}, '3 bytes of data and a row_step of 24 do not hold height 1'),
+        (RANGES, {'width': 4}, 'row_step of 24 do not hold height 1 times width 4'),
+        (RANGES, {'height': 2}, '24 bytes of data'),
+        (RANGES, {'point_step': 0}, 'requires 8 bytes'),
     ],
 )
 def test_cloud_that_does_not_hold_what_it_says_is_refused(formats, changes, wanted):
@@ -123,10 +123,10 @@ def test_cloud_that_does_not_hold_what_it_says_is_refused(formats, changes, want
 def test_field_of_several_numbers_or_named_twice_is_refused():
     message = cloud({'peer': 'u4', 'range': 'f4'})
     message.fields[1].count = 2
-    with pytest.raises(ValueError, match="field 'range' has count 2, it must be 1"):
+    with pytest.raises(ValueError, match="field 'range' has datatype 7 and count 2"):
         peers_from_message(message)
     message.fields[1].count = 0
     assert_rows(peers_from_message(message), rays=False)
     message.fields.append(message.fields[1])
-    with pytest.raises(ValueError, match="field 'range' is there 2 times, not once"):
+    with pytest.raises(ValueError, match='already used'):
         peers_from_message(message)

@@ -170,7 +170,7 @@ def test_binned_and_cropped_images_see_the_same_rays():
 @pytest.mark.parametrize('focal', [0.0, -1.0, np.nan, np.inf])
 def test_camera_that_is_not_calibrated_is_refused(focal):
     message = camera_info([0.0] * 12, [focal, *K[1:]])
-    with pytest.raises(ValueError, match='not those of a camera that is calibrated'):
+    with pytest.raises(ValueError, match='are not calibrated'):
         adapter_for('sensor_msgs/msg/CameraInfo').from_message(message)
 
 
@@ -182,5 +182,5 @@ def test_ranges_and_rays_must_be_as_many_as_ids():
 @pytest.mark.usefixtures('third_party_messages')
 @pytest.mark.parametrize('type_name', [RANGE_STAMPED, SENSOR_UWB])
 def test_range_message_of_several_targets_is_refused(type_name):
-    with pytest.raises(ValueError, match='2 targets, the message has one'):
+    with pytest.raises(ValueError, match='too many values'):
         adapter_for(type_name).to_message(RANGES)

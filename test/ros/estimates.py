@@ -5,6 +5,7 @@
 
 from dataclasses import replace
 import math
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -35,15 +36,13 @@ def placement_at(positions_m, /, **changes):
     return replace(made, **changes)
 
 
-def report_on(estimate, **changes):
+def report_on(estimate, robots, localized_width_m=math.inf, **changes):
     """Return what the diagnostics of a node without trouble are made of."""
-    plain = {
-        'node': 'localizer',
-        'trouble': '',
-        'failure': '',
-        'warnings': (),
-        'lifetime_s': 1.0,
-        'malformed': {},
-        'wrong_types': {},
-    }
+    settings = SimpleNamespace(
+        fleet=SimpleNamespace(robots=robots),
+        lifetime_s=1.0,
+        rate_hz=5.0,
+        localized_width_m=localized_width_m,
+    )
+    plain = {'node': 'localizer', 'settings': settings, 'malformed': {}, 'wrong_types': {}}
     return Report(estimate=estimate, **{**plain, **changes})

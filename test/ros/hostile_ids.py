@@ -9,12 +9,7 @@ import numpy as np
 
 from dg_localization.fleet import LinkKey, LinkKind
 from dg_localization.ros.interface.links import ANY_OBSERVER, Link
-from msg_adapters import (
-    CameraReading,
-    IdentifiedReading,
-    PixelReading,
-    adapter_for,
-)
+from msg_adapters import CameraReading, IdentifiedReading, PixelReading, adapter_for
 
 RADIOS, FRAMES = 'uwb_ros/msg/RangeStamped', 'nlink_parser/msg/LinktrackNodeframe2'
 TAGS, BOXES_2D = 'apriltag_msgs/msg/AprilTagDetectionArray', 'vision_msgs/msg/Detection2DArray'

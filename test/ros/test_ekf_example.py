@@ -8,10 +8,7 @@ from pathlib import Path
 import yaml
 
 from dg_localization.ros.interface.outputs import estimate_outputs
-from dg_localization.ros.interface.parameters.settings import (
-    check_values,
-    settings_from,
-)
+from dg_localization.ros.interface.parameters.settings import check_values, settings_from
 
 REPOSITORY = Path(__file__).parents[2]
 FILE = yaml.safe_load((REPOSITORY / 'config/ekf_example.yaml').read_text(encoding='utf-8'))

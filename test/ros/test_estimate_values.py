@@ -217,7 +217,7 @@ FITTED = estimate(
 )
 FITTED_TEXT = 'within 0.20 m (typical), within 0.28 m (guaranteed), 1 of 2 neighbours heard'
 NARROW, ANY_WIDTH = {'localized_width_m': 1.0}, {'localized_width_m': 7.0}
-SLOW, FAST = ({'wanted_rate_hz': 5.0, 'rate_hz': rate_hz} for rate_hz in (0.42, 4.9))
+SLOW, FAST = ({'rate_hz': rate_hz} for rate_hz in (0.42, 4.9))
 WARNED = {'warnings': ('two nodes',)}
 SILENT = {'links': (Link('/uwb', 'sensor_msgs/msg/Range', AB, explicit=True),), 'inputs': {}}
 MALFORMED = {'malformed': {'/a/range/b': Malformed(3, 'too short', 12.0)}}

@@ -215,7 +215,7 @@ def test_a_link_without_truth_keeps_all_of_the_bounds_that_it_states(
     text = ' '.join(learn.output.replace('\n#', '').split())
     nothing = '/r1/range/r3 has no range to learn from' in text
     assert nothing == (n_biased == 0 or bool(truth))
-    assert ('a bias, is not seen' in text) == (not truth)
+    assert ('not a bias of a pair' in text) == (not truth)
     assert BARO_LINK in learn.output
 
 
@@ -246,7 +246,7 @@ def test_nothing_is_learned_of_what_the_localizer_rejects(
     recorder.write(tmp_path / 'bag')
     code, _ = learn(tmp_path / 'bag')
     assert code == 0 and learn.output == expected
-    assert f'what the localizer does not accept: in 20 messages (20 {reason})' in learn.errors
+    assert f'nothing is learned of 20 rejected messages (20 {reason})' in learn.errors
 
 
 @pytest.mark.parametrize('per', ['link', 'all'])
@@ -331,7 +331,7 @@ def test_stamps_on_two_clocks_are_explained(tmp_path, learn):
     bag = record_simulation(tmp_path / 'bag', seconds=2.0, change=late)
     code, found = learn(bag, '--truth', SIMULATED_TRUTH)
     assert code == 1 and found is None
-    assert "are the stamps of both on one clock (parameter 'stamp_source')" in learn.errors
+    assert "check 'stamp_source'" in learn.errors
 
 
 def test_bounds_per_pair_halve_the_widths_of_the_real_recording(tmp_path, shared, learn):
@@ -377,7 +377,6 @@ def test_stamps_that_are_early_and_a_gross_reading_are_named(tmp_path, learn):
     (link,) = [link for link in found['links'] if 'stamp_offset' in link]
     assert link.split()[2:4] == list(ROBOTS[:2])
     assert float(link.partition('stamp_offset=')[2]) == pytest.approx(0.15, abs=0.03)
-    assert 'sets a bound that would be less than half as wide without it' in text
     gross = 'The stated bounds of range robot_1->robot_3 are broken'
     broken = re.findall(rf'{gross} from .*? s: (\S+)', text)
     assert broken == ['1']

@@ -12,11 +12,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Range
 
 from dg_localization.ros.interface.links import Template, parse_link
-from dg_localization.ros.node.inputs import (
-    POLL_PERIOD_S,
-    SENSOR_DATA,
-    Inputs,
-)
+from dg_localization.ros.node.inputs import POLL_PERIOD_S, SENSOR_DATA, Inputs
 
 POINTS = ('a', 'b', 'c')
 TOPICS = [f'/{one}/range/{other}' for one in POINTS for other in POINTS if one != other]

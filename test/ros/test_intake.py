@@ -23,13 +23,7 @@ from dg_localization.fleet import (
 )
 from dg_localization.ros.interface.intake import Intake
 from dg_localization.ros.interface.links import Link
-from msg_adapters import (
-    Adapter,
-    PeersReading,
-    RangeReading,
-    adapter_for,
-    register,
-)
+from msg_adapters import Adapter, PeersReading, RangeReading, adapter_for, register
 
 KEY = LinkKey(LinkKind.PEERS, 'a', '')
 NOW_S = 10.0

@@ -189,13 +189,13 @@ def test_what_is_missing_or_of_another_type_is_reported(localize, recorder):
 
 
 UNHEARD = {'range__topic': '/uwb/{observer}/{target}'}
-SHORT = "there must be 0.2 s, one period of the parameter 'rate'"
+SHORT = "there must be 0.2 s, one period of 'rate'"
 
 
 @pytest.mark.parametrize(
     ('arguments', 'parameters', 'code', 'reason'),
     [
-        ((), UNHEARD, 1, 'no topic of the bag is an input of this fleet: its points are a, b, c,'),
+        ((), UNHEARD, 1, 'no topic of the bag is an input of a, b, c by'),
         (('--start', '2.0'), {}, 1, SHORT),
         (('--duration', '0.1'), {}, 1, SHORT),
         ((), {'max_sped': 1.0}, 2, "'max_sped' is unknown; did you mean 'max_speed'?"),

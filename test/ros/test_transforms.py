@@ -15,7 +15,7 @@ from dg_localization.fleet import Estimate, FixedFrame, FrameKind
 from dg_localization.fleet.rotations import rotation_of_quaternion
 from dg_localization.fleet.vocabulary import OdometryReading as Pose
 from dg_localization.ros.interface.parameters.spec import WrongParameterError
-from dg_localization.ros.interface.transforms import transforms
+from dg_localization.ros.interface.poses import transforms
 from msg_adapters import Level, OdometryReading, adapter_for
 from msg_adapters.headers import xyz_from_message, xyzw_from_message
 from msg_adapters.poses import Transform

@@ -14,15 +14,8 @@ from visualization_msgs.msg import MarkerArray
 import yaml
 
 from dg_localization.fleet import Localizer
-from dg_localization.ros.interface.outputs import (
-    DIAGNOSTICS,
-    estimate_messages,
-    estimate_outputs,
-)
-from dg_localization.ros.interface.parameters.settings import (
-    check_values,
-    settings_from,
-)
+from dg_localization.ros.interface.outputs import DIAGNOSTICS, estimate_messages, estimate_outputs
+from dg_localization.ros.interface.parameters.settings import check_values, settings_from
 
 REPOSITORY = Path(__file__).parents[2]
 RVIZ = yaml.safe_load((REPOSITORY / 'config/localizer.rviz').read_text(encoding='utf-8'))

@@ -16,7 +16,6 @@ with broken metadata is read as well.
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
-from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path, PurePath
 import re
@@ -27,6 +26,7 @@ from typing import Any, NamedTuple
 
 from dg_localization.optional import install_hint
 from dg_localization.ros.executables import ExecutableError, print_line
+from msg_adapters.headers import message_class
 
 NS_PER_S = 1_000_000_000
 # Stamps have 32 bits for the seconds.
@@ -103,10 +103,7 @@ def _read_sqlite(path: Path, damage: list[str]) -> Iterator[Record]:
     for ending in ('-wal', '-journal'):
         left = path.with_name(path.name + ending)
         if left.exists() and left.stat().st_size:
-            damage.append(
-                f'{left.name}: the recorder did not come to its end, and what this file holds is '
-                f"not read; 'sqlite3 {path.name} .tables' completes the bag"
-            )
+            damage.append(f"{left.name} is not read; 'sqlite3 {path.name} .tables' completes it")
     known: dict[int, Channel] = {}
     with closing(sqlite3.connect(f'{path.absolute().as_uri()}?immutable=1', uri=True)) as base:
         base.row_factory = sqlite3.Row
@@ -237,8 +234,7 @@ class Bag:
         files = [file for file in present if file.is_file() and STORAGE_FILE.fullmatch(file.name)]
         if not files:
             raise BagError(
-                f'{path} is no rosbag2: a bag is a folder with metadata.yaml, or a .db3 or .mcap '
-                'file'
+                f'{path} is no rosbag2: neither a .db3 or .mcap file nor a folder of some'
             )
         said = self._metadata() if path.is_dir() else None
         if said is None:
@@ -290,17 +286,12 @@ class Bag:
         self._paths.sort(key=lambda path: (firsts_ns[path], path))
         if not any(topic.count for topic in self.topics.values()):
             why = '; '.join(self.damage) or 'it has no messages'
-            raise BagError(
-                f"{self.path}: nothing in the bag can be read: {why}; 'ros2 bag reindex' or 'mcap "
-                "recover' may save what is left"
-            )
+            advice = "'ros2 bag reindex' or 'mcap recover' may save what is left"
+            raise BagError(f'{self.path}: nothing in the bag can be read: {why}; {advice}')
         for name in sorted({*self._counts, *self.topics} if self._counts else ()):
             held = self.topics[name].count if name in self.topics else 0
-            if held != self._counts.get(name, 0):
-                self.damage.append(
-                    f'{name}: {held} messages are in the files, metadata.yaml says '
-                    f'{self._counts.get(name, 0)}'
-                )
+            if held != (said := self._counts.get(name, 0)):
+                self.damage.append(f'{name}: {held} messages are in the files, of {said} recorded')
 
     def _scan_file(self, path: Path) -> int:
         """
@@ -337,10 +328,8 @@ class Bag:
         if steps_back:
             back_ns, at_ns = max(steps_back)
             self.damage.append(
-                f'{path.name}: receive times go back by up to {back_ns / NS_PER_S:.1f} s, as '
-                f'where a clock was set: {len(steps_back)} messages come after one of '
-                f'{at_ns / NS_PER_S:.3f} s and are earlier. Answers of these times mix what was '
-                'recorded before and after'
+                f'{path.name}: receive times go back by up to {back_ns / NS_PER_S:.1f} s, where '
+                f'{len(steps_back)} messages come after one of {at_ns / NS_PER_S:.3f} s'
             )
         return first_ns
 
@@ -376,12 +365,9 @@ def open_bag(path: Path) -> Iterator[Bag]:
 
 def find_message_class(type_name: str) -> type | None:
     """Import a message class by its type name; None where it is not installed."""
-    if not TYPE_NAME.fullmatch(type_name):
-        return None
-    package, _, rest = type_name.partition('/')
     try:
-        return getattr(import_module(f'{package}.msg'), rest.rpartition('/')[2], None)
-    except ImportError:
+        return message_class(type_name) if TYPE_NAME.fullmatch(type_name) else None
+    except (ImportError, AttributeError):
         return None
 
 

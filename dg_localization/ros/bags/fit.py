@@ -32,6 +32,7 @@ from dg_localization.ros.bags.fit_odometry import fit_all_odometry
 from dg_localization.ros.bags.samples import Errors, Gatherer, errors_of
 from dg_localization.ros.bags.truth import apart_text
 from dg_localization.ros.interface.links import ANY_OBSERVER
+from dg_localization.ros.interface.parameters.settings import parameters_of
 
 Pair: TypeAlias = tuple[str, str]
 """Observer and target; an empty name stands for all."""
@@ -142,14 +143,9 @@ def _gathered(errors: Mapping[LinkKey, Errors], kind: LinkKind, per: str) -> dic
 
 
 def range_parameters(model: RangeErrorModel) -> dict[str, float]:
-    """Return bounds by the names of the parameters of the node."""
-    return {
-        'min_error': model.min_error_m,
-        'max_error': model.max_error_m,
-        'min_error_relative': model.min_error_relative,
-        'max_error_relative': model.max_error_relative,
-        'sigma_factor': model.sigma_factor,
-    }
+    """Return the errors of a model by the names of the parameters of the node."""
+    numbers = parameters_of(model, 'range.')
+    return {name: x for name, x in numbers.items() if 'error' in name or name == 'sigma_factor'}
 
 
 def fit(
@@ -200,30 +196,27 @@ def fit(
     learned.notes += notes
     if not (learned.judged or learned.odometry):
         raise BagError(
-            'no reading has a ground truth at its time: are the stamps of both on one clock '
-            "(parameter 'stamp_source'), and are the names those of 'robots' and 'anchors'? "
-            + apart_text(truth.stamps_s(), gatherer.stamps_s(), 'the readings')
+            "no reading has a ground truth at its time: check 'stamp_source', and the names. "
+            + apart_text(truth.stamps_s(), gatherer.samples.stamps_s(), 'the readings')
         )
-    unknown = sum(map(len, gatherer.readings.values()))
+    unknown = sum(map(len, gatherer.samples.readings.values()))
     if unknown := unknown - sum(len(one.errors) for one in stated.values()):
         learned.notes.append(
-            f'{unknown} readings have no ground truth at their time: of places, and of headings '
-            'for rays and for sensors away from the center of a robot.'
+            f'{unknown} readings have no ground truth, of places or headings, at their time.'
         )
     excluded = sum(group.excluded for kind in learned.groups if (group := learned.of_all(kind)))
     if excluded and not (fleet.window_outliers or fleet.max_outliers):
         learned.notes.append(
-            f'The bounds leave {excluded} readings out, and one of them may exclude the truth: '
-            'window_outliers: 1 lets one reading of each pair in memory.seconds be wrong, '
-            'max_outliers: 1 one of a moment.'
+            f'The bounds leave {excluded} readings out. window_outliers: 1 lets one of each pair '
+            'in memory.seconds be wrong, max_outliers: 1 one of a moment.'
         )
-    learned.notes += broken_bounds(fleet, gatherer.stated, stated)
+    learned.notes += broken_bounds(fleet, gatherer.samples.stated, stated)
     return learned
 
 
 def _stated(gatherer: Gatherer, kind: LinkKind, pair: Pair) -> SensorBounds:
     """Return the bounds that readings of a group came with; of several, the widest."""
-    of_group = gatherer.stated.get(LinkKey(kind, *pair), {gatherer.config.sensor_bounds})
+    of_group = gatherer.samples.stated.get(LinkKey(kind, *pair), {gatherer.config.sensor_bounds})
     if kind is LinkKind.BEARING:
         return max(of_group, key=attrgetter('bearing_half_width_rad'))
     return max(of_group, key=lambda one: one.range_error.max_error_m - one.range_error.min_error_m)
@@ -258,15 +251,7 @@ def _range_group(one: Errors, choice: Choice, shape: Shape) -> GroupFit:
     """Return the bounds of ranges whose errors are known."""
     model = fit_range(one.values, one.errors, choice, shape)
     low_m, high_m, median_m = one.errors.min(), one.errors.max(), np.median(one.errors)
-    rest_m = one.errors - shape.slope * one.values
-    band_m = shortest_band(rest_m, choice.keep)
-    kept = one.chosen((band_m[0] <= rest_m) & (rest_m <= band_m[1]))
-    seen = f'error {low_m:.2f} to {high_m:.2f} m, median {median_m:.2f}{_gross_text(kept)}'
-    bounds = {
-        **range_parameters(model),
-        'expected_error': model.expected_error_m or 0.0,
-        'expected_error_relative': model.expected_error_relative,
-    }
+    seen = f'error {low_m:.2f} to {high_m:.2f} m, median {median_m:.2f}'
 
     def excluded_of(first: Errors, second: Errors) -> int:
         half = shape_of(first.values, first.errors, choice)
@@ -274,7 +259,7 @@ def _range_group(one: Errors, choice: Choice, shape: Shape) -> GroupFit:
         return excluded_ranges(model, second.values, second.errors)
 
     excluded = excluded_ranges(model, one.values, one.errors)
-    return _group(one, bounds, seen, excluded, excluded_of)
+    return _group(one, range_parameters(model), seen, excluded, excluded_of)
 
 
 def _scatter_group(one: Errors, stated: RangeErrorModel, choice: Choice) -> GroupFit:
@@ -285,12 +270,9 @@ def _scatter_group(one: Errors, stated: RangeErrorModel, choice: Choice) -> Grou
     stated_m = np.abs(stated.max_error_m - stated.min_error_m + relative * one.values)
     extra_m, beyond = missing_m(one.errors, 0.5 * stated_m, choice)
     if extra_m > 0.0:
-        seen += (
-            f', which the stated bounds, {stated_m.min():.2f} m apart at the shortest reading, '
-            'cannot hold: widened'
-        )
-    wide = rounded_outward(stated.min_error_m - extra_m, stated.max_error_m + extra_m)
-    constants = {'min_error': wide.min_error_m, 'max_error': wide.max_error_m}
+        seen += f', which the stated bounds, {stated_m.min():.2f} m apart, cannot hold: widened'
+    wide_m = rounded_outward((stated.min_error_m - extra_m, stated.max_error_m + extra_m))
+    constants = dict(zip(('min_error', 'max_error'), wide_m, strict=True))
     return _group(one, range_parameters(stated) | constants, seen, beyond)
 
 
@@ -314,21 +296,6 @@ def _bearing_group(
         # In space the errors are angles without a sign, and say nothing of the vertical axis.
         bounds['expected_error'] = bias_rad
     return _group(one, bounds, f'error {span}, median {bias_rad:.3f}', excluded, excluded_of)
-
-
-def _gross_text(kept: Errors) -> str:
-    """Return which single reading sets a bound that would be half as wide without; or nothing."""
-    if len(kept.errors) < 3:
-        return ''
-    order = np.argsort(kept.errors, kind='stable')
-    for one, rest in ((order[-1], order[:-1]), (order[0], order[1:])):
-        if np.ptp(kept.errors) > 2.0 * np.ptp(kept.errors[rest]):
-            return (
-                f'; one reading at {kept.stamps_s[one]:.3f} s, off by {kept.errors[one]:.2f} m, '
-                'sets a bound that would be less than half as wide without it: a smaller --keep '
-                'leaves it out'
-            )
-    return ''
 
 
 def _add_delays(
@@ -375,17 +342,11 @@ def _add_delays(
 
 def _limits_without_truth(gatherer: Gatherer) -> Iterator[str]:
     """Yield what a recording without truth cannot tell."""
-    yield (
-        'Without a ground truth only the scatter of the readings is seen. An error that all '
-        'readings of a pair share for a second and longer, a bias, is not seen.'
-    )
-    yield (
-        'Without --truth the bounds are those that you stated, widened where the scatter does not '
-        'fit between them.'
-    )
-    if any(key.kind is LinkKind.BEARING for key in gatherer.readings):
+    yield 'Without a ground truth only the scatter of the readings is seen, not a bias of a pair.'
+    yield 'Without --truth the bounds are those that you stated, or as wide as the scatter.'
+    if any(key.kind is LinkKind.BEARING for key in gatherer.samples.readings):
         yield 'A camera that is mounted askew has a bias, too: half widths are not narrowed.'
-    if gatherer.odometry:
+    if gatherer.samples.odometry:
         yield 'Without a ground truth scale and bounds of odometry cannot be learned.'
 
 

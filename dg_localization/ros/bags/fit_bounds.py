@@ -15,13 +15,12 @@ It is given to the node beside FILE, after it.
 import argparse
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import closing
 from pathlib import Path
 import tempfile
 
 from dg_localization.calibration.bounds import Choice
 from dg_localization.fleet import FleetConfig, LinkKind
-from dg_localization.ros.bags.bag import NS_PER_S, Bag, in_seconds, open_bag
+from dg_localization.ros.bags.bag import Bag, in_seconds, open_bag
 from dg_localization.ros.bags.fit import GROUPS, Fit, fit, range_parameters
 from dg_localization.ros.bags.offline import Inputs, Task, find_inputs, read_task
 from dg_localization.ros.bags.reading import Reading
@@ -30,11 +29,11 @@ from dg_localization.ros.bags.samples import Gatherer
 from dg_localization.ros.bags.truth import read_truth
 from dg_localization.ros.bags.writer import parameters_text, yaml_value
 from dg_localization.ros.executables import (
+    EXIT_CODES,
     EXIT_FAILED,
     ExecutableError,
     add_fleet,
     add_span,
-    make_progress,
     number,
     print_line,
     print_result,
@@ -53,16 +52,11 @@ def collect(
     intake = Intake(gatherer, task.settings.use_header_stamp, task.settings.ids)
     links = {link.topic: link for link in inputs.links}
     reading = Reading(bag, inputs.topics)
-    done_ns = bag.start_ns + round(options.start * NS_PER_S)
-    total_s = bag.duration_s - options.start
-    with closing(make_progress(max(0.0, min(total_s, options.duration or total_s)))) as progress:
-        for message in reading.messages(options.start, options.duration):
-            now_s = in_seconds(message.time_ns)
-            rejection = intake.take(links[message.topic], message.data, now_s)
-            if rejection is not None:
-                rejected[rejection.reason.value] += 1
-            progress.update((message.time_ns - done_ns) / NS_PER_S)
-            done_ns = message.time_ns
+    for message in reading.shown(options.start, options.duration):
+        now_s = in_seconds(message.time_ns)
+        rejection = intake.take(links[message.topic], message.data, now_s)
+        if rejection is not None:
+            rejected[rejection.reason.value] += 1
     for notice in (*bag.notices, *inputs.notices, *reading.notices):
         print_line(notice)
     malformed = sum(wrong.count for wrong in intake.malformed.values())
@@ -70,37 +64,17 @@ def collect(
         print_line(f'{unread} messages could not be read')
     if rejected:
         reasons = ', '.join(f'{n} {why}' for why, n in sorted(rejected.items()))
-        print_line(
-            'nothing is learned of what the localizer does not accept: in '
-            f'{rejected.total()} messages ({reasons})'
-        )
+        print_line(f'nothing is learned of {rejected.total()} rejected messages ({reasons})')
     return gatherer, reading.damage
 
 
-def check_loads(text: str, options: argparse.Namespace, args: Sequence[str]) -> None:
-    """Let the node's own checks read the parameters that are to be printed."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / 'bounds.yaml'
-        path.write_text(text, encoding='utf-8')
-        read_task(options.params, ['--ros-args', '--params-file', str(path), '--', *args])
-
-
-def _share(text: str) -> float:
-    value = number(0.0, '', strict=True)(text)
-    if value > 1.0:
-        raise argparse.ArgumentTypeError(f"'{text}' is not a share, a number above 0 and up to 1")
-    return value
-
-
-def make_parser() -> argparse.ArgumentParser:
-    """Return the parser of the command line."""
+def main(args: Sequence[str]) -> int:
+    """Learn bounds from a bag."""
     parser = argparse.ArgumentParser(
         prog='fit_bounds',
         description='Learn the error bounds of ranges, bearings and odometry from a rosbag2, and '
-        'print them as parameters of the node. With --truth it learns bounds. Without, it keeps '
-        'what you state, widens it for scatter, and cannot see a bias.',
-        epilog='Exit codes: 0; 1 when the bag is damaged or of no use; 2 when an argument or a '
-        'parameter is wrong; 130 after a signal.',
+        'print them as parameters of the node. Without --truth it only widens what you state.',
+        epilog=EXIT_CODES,
     )
     add = parser.add_argument
     add('bag', type=Path, metavar='BAG', help='folder, .db3 or .mcap file')
@@ -108,20 +82,15 @@ def make_parser() -> argparse.ArgumentParser:
     add_span(parser)
     add('--per', choices=GROUPS, default='link', help='what has its own bounds (%(default)s)')
     keep, margin = 'share of the readings that they hold at least', 'widen them by this share'
-    add('--keep', type=_share, default=Choice.keep, metavar='SHARE', help=keep)
+    share = number(0.0, ' and up to 1', strict=True, high=1.0)
+    add('--keep', type=share, default=Choice.keep, metavar='SHARE', help=keep)
     add('--margin', type=number(0.0, ''), default=Choice.margin, metavar='SHARE', help=margin)
-    return parser
-
-
-def main(args: Sequence[str]) -> int:
-    """Learn bounds from a bag."""
-    options = make_parser().parse_args(own_arguments(args))
+    options = parser.parse_args(own_arguments(args))
     task = read_task(options.params, args)
     if task.settings.fleet.elevations_m:
         raise ExecutableError(
-            'elevations: fit_bounds compares ranges with distances in the plane; where points are '
-            'at different elevations it would learn these as errors. Leave out elevations.* and '
-            'the points above or below the others.'
+            'elevations: fit_bounds would learn them as errors of ranges. Leave out elevations.* '
+            'and the points above or below the others.'
         )
     with open_bag(options.bag) as bag:
         inputs = find_inputs(task.settings, bag.types)
@@ -134,7 +103,11 @@ def main(args: Sequence[str]) -> int:
         choice = Choice(options.keep, options.margin)
         learned = fit(gatherer, beside, links, options.per, choice)
         text = as_yaml(learned, inputs.links, options.bag.resolve().name, task.settings.fleet)
-    check_loads(text, options, args)
+    # The node's own checks read the parameters that are to be printed.
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / 'bounds.yaml'
+        path.write_text(text, encoding='utf-8')
+        read_task(options.params, ['--ros-args', '--params-file', str(path), '--', *args])
     # What is wrong with the bag is wrong with the truth in it, too.
     for sentence in dict.fromkeys((*damage, *truth.damage)):
         print_line(sentence)
@@ -207,11 +180,9 @@ def _bounds_of(fit: Fit, kind: LinkKind, link: Link, fleet: FleetConfig) -> dict
     whole = {**_of_fleet(kind, fleet), **stated}
     if _is_as_stated(fit, kind, link):
         return whole
-    if stated and fit.is_widened:
-        return _widest(whole, group.bounds)
     if group is fit.of_all(kind) and not stated:
         return {}
-    return {**stated, **group.bounds}
+    return _widest(whole, group.bounds) if fit.is_widened else {**stated, **group.bounds}
 
 
 def _is_as_stated(fit: Fit, kind: LinkKind, link: Link) -> bool:
@@ -225,10 +196,7 @@ def _kept_links(fit: Fit, links: Iterable[Link]) -> Iterator[str]:
     for link in links:
         for kind in MEASURED.get(link.key.kind, ()):
             if fit.of_all(kind) and _is_as_stated(fit, kind, link):
-                yield (
-                    f'{link.topic} has no {kind.value} to learn from: the bounds of its '
-                    f'{kind.value}s are as they were stated.'
-                )
+                yield f'{link.topic} has no {kind.value} to learn from: its bounds stay as stated.'
 
 
 def _of_fleet(kind: LinkKind, fleet: FleetConfig) -> dict[str, float]:
@@ -238,11 +206,7 @@ def _of_fleet(kind: LinkKind, fleet: FleetConfig) -> dict[str, float]:
             'half_width': fleet.bearing_half_width_rad,
             'expected_error': fleet.bearing_expected_error_rad,
         }
-    bounds = range_parameters(fleet.range_error)
-    if fleet.range_error.expected_error_m is not None:
-        bounds['expected_error'] = fleet.range_error.expected_error_m
-    bounds['expected_error_relative'] = fleet.range_error.expected_error_relative
-    return bounds
+    return range_parameters(fleet.range_error)
 
 
 def _widest(stated: Mapping[str, float], learned: Mapping[str, float]) -> dict[str, float]:

@@ -18,7 +18,7 @@ from dg_localization.calibration.truth import TrueTrack
 from dg_localization.fleet import FleetConfig, OdometryErrorModel
 from dg_localization.fleet.rotations import rotation_of_quaternion
 from dg_localization.ros.bags.samples import Gatherer, OdometryPiece
-from dg_localization.ros.interface.parameters.settings import odometry_error_parameters
+from dg_localization.ros.interface.parameters.settings import parameters_of
 
 # Fewer windows tell nothing.
 WINDOWS = 20
@@ -34,14 +34,11 @@ def fit_all_odometry(
     fleet, notes = gatherer.config, list[str]()
     of_robots: dict[str, dict[str, float]] = {}
     found: dict[str, OdometryWindows] = {}
-    for robot in filter(tracks.__contains__, sorted(gatherer.odometry)):
-        pieces = gatherer.odometry[robot]
+    for robot in filter(tracks.__contains__, sorted(gatherer.samples.odometry)):
+        pieces = gatherer.samples.odometry[robot]
         windows = _windows_of(pieces, tracks[robot], fleet, fleet.is_upright(robot))
         if len(pieces) > 1:
-            notes.append(
-                f'Odometry of {robot} started anew {len(pieces) - 1} times, by max_speed, '
-                'max_turn_rate and its frame: nothing is learned across.'
-            )
+            notes.append(f'Odometry of {robot} started anew {len(pieces) - 1} times.')
         if len(windows.seconds) >= WINDOWS:
             found[robot] = windows
     if not found:
@@ -60,7 +57,7 @@ def fit_all_odometry(
     others = [robot for robot in fleet.robots if robot not in found]
     for robot in others:
         # What was learned of others would replace what was stated of these.
-        of_robots[robot] = odometry_error_parameters(fleet.odometry_error_of(robot))
+        of_robots[robot] = parameters_of(fleet.odometry_error_of(robot), 'odometry.')
     if others:
         notes.append(
             f'Nothing was learned of the odometry of {", ".join(others)}: it is as it was stated.'
@@ -72,19 +69,17 @@ def _windows_of(
     pieces: Sequence[OdometryPiece], truth: TrueTrack, fleet: FleetConfig, upright: bool
 ) -> OdometryWindows:
     """Return windows of the odometry of a robot; none goes beyond a start anew."""
-    parts = []
-    for piece in pieces:
-        stamps, positions, turns = (np.array(column) for column in zip(*piece, strict=True))
-        rotations = rotation_of_quaternion(turns)
-        parts.append(
-            odometry_windows(stamps, positions, rotations, truth, fleet.dimension, upright)
-        )
-    return OdometryWindows.joined(parts)
+    how = truth, fleet.dimension, upright
+    columns = (map(np.array, zip(*piece, strict=True)) for piece in pieces)
+    return OdometryWindows.joined(
+        odometry_windows(stamps_s, places_m, rotation_of_quaternion(turns), *how)
+        for stamps_s, places_m, turns in columns
+    )
 
 
 def _parameters(model: OdometryErrorModel) -> dict[str, float]:
     """Return learned bounds by the names of the parameters; what is stated of others stays."""
-    numbers = odometry_error_parameters(model)
+    numbers = parameters_of(model, 'odometry.')
     return {name: value for name, value in numbers.items() if name not in NOT_LEARNED}
 
 
@@ -99,12 +94,12 @@ def _texts(name: str, model: OdometryErrorModel, windows: OdometryWindows) -> It
     )
     if not windows.tell_ways:
         yield (
-            f'Odometry of {name}: no window is longer than {windows.way_m.max():.2f} m, which '
-            'tells no error per m. The scale is as it was stated, and errors of ways are no '
-            'smaller.'
+            f'Odometry of {name}: no window is longer than {windows.way_m.max():.2f} m. The scale '
+            'is as it was stated, and errors of ways are no smaller.'
         )
     if not windows.tell_turns:
+        most_rad = windows.turn_rad.max()
         yield (
-            f'Odometry of {name}: no window turns by more than {windows.turn_rad.max():.2f} rad, '
-            'which tells no error per rad. Errors of turns are no smaller than they were stated.'
+            f'Odometry of {name}: no window turns by more than {most_rad:.2f} rad. Errors of '
+            'turns are no smaller than they were stated.'
         )

@@ -6,32 +6,31 @@ The executable `localize_bag`: a rosbag2 in, a rosbag2 with every answer out, an
 
 It does in the time of the bag what the node does: the same parameters, the same inputs, the same
 estimate at the same rate, the same messages on the same topics. The same bag gives the same bytes
-on every run: no limit depends on a clock of the machine. `solver.max_seconds`,
+on every run: no limit depends on a clock of the machine. Of several bags each is localized by a
+process of its own: nothing is shared but the files. `solver.max_seconds`,
 `solver.tighten_seconds` and `conflicts.max_seconds` are not used, `solver.max_boxes` and
 `conflicts.max_solves` are.
 """
 
 import argparse
-from collections.abc import Sequence
-from contextlib import closing
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+import json
 import os
 from pathlib import Path
+import subprocess
+import sys
 import time
+from typing import Any
 
 from dg_localization.fleet import solver_warnings, warm_up
 from dg_localization.ros.bags.bag import NS_PER_S, Bag, BagError, in_seconds, open_bag
-from dg_localization.ros.bags.many_bags import MANY_REPORTS, localize_many
-from dg_localization.ros.bags.offline import (
-    BagLocalizer,
-    Task,
-    find_inputs,
-    read_task,
-    timeline,
-)
+from dg_localization.ros.bags.offline import BagLocalizer, Task, find_inputs, read_task, timeline
 from dg_localization.ros.bags.page import as_page
 from dg_localization.ros.bags.picture import PICTURES, AnswerPicture, check_can_draw
 from dg_localization.ros.bags.reading import Reading
 from dg_localization.ros.bags.report import (
+    Table,
     Tally,
     Tree,
     as_json,
@@ -39,18 +38,19 @@ from dg_localization.ros.bags.report import (
     gap_text,
     inputs_tree,
     parts,
+    width_text,
 )
 from dg_localization.ros.bags.truth import read_truth
 from dg_localization.ros.bags.truth_tally import TruthTally
 from dg_localization.ros.bags.writer import new_bag, write_text, writing
 from dg_localization.ros.executables import (
+    EXIT_CODES,
     EXIT_FAILED,
     EXIT_INTERRUPTED,
     StopRequest,
     UsageError,
     add_fleet,
     add_span,
-    make_progress,
     new_path,
     number,
     path_ending_in,
@@ -63,9 +63,8 @@ from dg_localization.ros.spinning import own_arguments
 PAGE = '.html'
 """The ending of a report with pictures."""
 
-
-class InterruptedRun(Exception):
-    """A signal came before the first answer."""
+REPORT, ANSWERS = 'report.json', 'answers'
+"""What, of several bags, the report of one and the bag with its answers are called."""
 
 
 class BagRun:
@@ -83,9 +82,10 @@ class BagRun:
         beside = self.truth.of_fleet(fleet) if options.truth else None
         self.tally = Tally(fleet.robots)
         self.compared = TruthTally(beside) if beside else None
-        self.picture = None
-        if options.plot is not None or (options.report and options.report.suffix == PAGE):
-            self.picture = AnswerPicture(fleet, options.bag.resolve().name, beside)
+        is_drawn = options.plot is not None or (options.report and options.report.suffix == PAGE)
+        title = options.bag.resolve().name
+        self.picture = AnswerPicture(fleet, title, beside) if is_drawn else None
+        self.others = [one for one in (self.compared, self.picture) if one is not None]
 
     def localize(self, stop: StopRequest) -> Tree:
         """Localize, write the answers, and return the report."""
@@ -93,9 +93,23 @@ class BagRun:
         reading = Reading(self.bag, self.inputs.topics)
         with new_bag(self.options.output) as writer:
             localizer = BagLocalizer(self.task, self.inputs, writer)
-            self._answer_all(reading, span_ns, gaps_ns, localizer, stop)
+            messages = reading.shown(self.options.start, self.options.duration)
+            events = timeline(messages, span_ns, self.task.settings.rate_hz, gaps_ns)
+            for time_ns, message in events:
+                if stop.is_set():
+                    break
+                if message is not None:
+                    localizer.take(message)
+                    continue
+                answer, at_s = localizer.tick(time_ns, stop), self._at_s(time_ns)
+                if answer is None:
+                    break
+                estimate, snapshot, statuses = answer
+                self.tally.add(estimate, at_s, statuses)
+                for other in self.others:
+                    other.add(estimate, snapshot, at_s)
             if stop.is_set() and not self.tally.ticks:
-                raise InterruptedRun
+                raise KeyboardInterrupt
         gaps = [tuple(map(self._at_s, gap_ns)) for gap_ns in gaps_ns]
         notices = [*self.bag.notices, *self.inputs.notices, *reading.notices, *self.truth.notices]
         notices += [gap_text(*gap) for gap in gaps]
@@ -128,44 +142,12 @@ class BagRun:
             end_ns = min(end_ns, start_ns + round(options.duration * NS_PER_S))
         period_s, span_s = 1.0 / self.task.settings.rate_hz, (end_ns - start_ns) / NS_PER_S
         if span_s < period_s:
-            raise BagError(
-                f'of {bag.duration_s:.1f} s of the bag {max(0.0, span_s):.1f} s are to be read; '
-                f"there must be {period_s:g} s, one period of the parameter 'rate'"
-            )
+            read = f'of {bag.duration_s:.1f} s of the bag {max(0.0, span_s):.1f} s are to be read'
+            raise BagError(f"{read}; there must be {period_s:g} s, one period of 'rate'")
         return start_ns, end_ns
 
     def _at_s(self, time_ns: int) -> float:
         return (time_ns - self.bag.start_ns) / NS_PER_S
-
-    def _answer_all(
-        self,
-        reading: Reading,
-        span_ns: tuple[int, int],
-        gaps_ns: list[tuple[int, int]],
-        localizer: BagLocalizer,
-        stop: StopRequest,
-    ) -> None:
-        """Let everything happen in order, and count the answers, until the end or a signal."""
-        messages = reading.messages(self.options.start, self.options.duration)
-        events = timeline(messages, span_ns, self.task.settings.rate_hz, gaps_ns)
-        done_s = self._at_s(span_ns[0])
-        with closing(make_progress((span_ns[1] - span_ns[0]) / NS_PER_S)) as progress:
-            for time_ns, message in events:
-                if stop.is_set():
-                    return
-                if message is not None:
-                    localizer.take(message)
-                    continue
-                estimate, at_s = localizer.tick(time_ns, stop), self._at_s(time_ns)
-                if estimate is None or localizer.snapshot is None:
-                    return
-                self.tally.add(estimate, at_s, localizer.statuses)
-                if self.compared is not None:
-                    self.compared.add(estimate, localizer.snapshot, at_s)
-                if self.picture is not None:
-                    self.picture.add(estimate, localizer.snapshot, at_s)
-                progress.update(at_s - done_s)
-                done_s = at_s
 
     def write_report(self, tree: Tree) -> None:
         """Write the report and the picture where the command line says, and print the report."""
@@ -181,27 +163,115 @@ class BagRun:
                 self.picture.draw(options.plot)
 
 
-def make_parser() -> argparse.ArgumentParser:
-    """Return the parser of the command line."""
-    parser = argparse.ArgumentParser(
-        prog='localize_bag',
-        description='Localize a fleet from a rosbag2 as the node would; write a rosbag2.',
-        epilog='Other ROS arguments are those of the node: --ros-args -p max_outliers:=1. '
-        'Exit codes: 0; 1 when the bag is damaged or of no use; 2 when an argument or a '
-        'parameter is wrong; 130 after SIGINT, SIGTERM or SIGHUP.',
+def localize_many(options: argparse.Namespace, args: Sequence[str]) -> int:
+    """Localize several bags, print and write what came of all; return the exit code."""
+    bags: dict[str, Path] = {}
+    for bag in options.bags:
+        name = bag.resolve().stem if bag.is_file() else bag.resolve().name
+        if bags.setdefault(name, bag) is not bag:
+            raise UsageError(f"two bags are called '{name}'; their answers need different names")
+    with writing(options.output):
+        options.output.mkdir(parents=True)
+    running: list[subprocess.Popen[str]] = []
+    # A thread waits for each process.
+    with ThreadPoolExecutor(int(options.jobs)) as threads:
+        futures = {}
+        for name, bag in bags.items():
+            arguments = list(_arguments(options, args, bag, options.output / name))
+            futures[name] = threads.submit(_localize, name, options.output, arguments, running)
+        try:
+            for done, future in enumerate(as_completed(futures.values()), start=1):
+                print_line(f'{done} of {len(bags)} bags: {future.result()["name"]}')
+        except KeyboardInterrupt:
+            threads.shutdown(wait=False, cancel_futures=True)
+            for process in running:
+                process.terminate()
+            raise
+    outcomes = [future.result() for future in futures.values()]
+    text = many_as_markdown(outcomes)
+    if options.report is not None:
+        is_json = options.report.suffix == '.json'
+        write_text(options.report, as_json({'bags': outcomes}) if is_json else text)
+    print_result(text)
+    return max(outcome['exit_code'] for outcome in outcomes)
+
+
+def _arguments(
+    options: argparse.Namespace, args: Sequence[str], bag: Path, folder: Path
+) -> Iterator[str]:
+    """Yield the arguments of the process that localizes one bag."""
+    yield from (str(bag), '-o', str(folder / ANSWERS), '--report', str(folder / REPORT))
+    plot = options.plot and folder / options.plot.name
+    for name, value in {**vars(options), 'plot': plot}.items():
+        if name in ('params', 'start', 'duration', 'plot') and value is not None:
+            yield from (f'--{name}', str(value))
+    if options.truth:
+        yield from ('--truth', *options.truth)
+    is_of_ros = False
+    for argument in args:
+        is_of_ros = argument == '--ros-args' or (is_of_ros and argument != '--')
+        if is_of_ros:
+            yield argument
+
+
+def _localize(
+    name: str, output: Path, arguments: Sequence[str], running: list[subprocess.Popen[str]]
+) -> Tree:
+    """Localize one bag in a process of its own; return exit code, report and error."""
+    (output / name).mkdir()
+    report = output / name / REPORT
+    # In a session of its own Ctrl-C does not reach it twice, which would end it at once.
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'dg_localization.ros', 'localize_bag', *arguments],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
     )
-    add = parser.add_argument
-    add('bags', type=Path, nargs='+', metavar='BAG', help='folder, .db3 or .mcap file')
-    add('-o', '--output', type=new_path, required=True, metavar='OUT', help='folder to make')
-    add_fleet(parser)
-    add_span(parser)
-    report = path_ending_in((*MANY_REPORTS, PAGE))
-    add('--report', type=report, metavar='FILE', help='.json, .md or, of one bag, .html')
-    picture = path_ending_in(PICTURES)
-    add('--plot', type=picture, metavar='FILE', help='draw the answers: .png, .svg or .pdf')
-    at_once, cores = number(1.0, ''), os.cpu_count() or 1
-    add('--jobs', type=at_once, default=cores, metavar='N', help='bags at a time (%(default)s)')
-    return parser
+    running.append(process)
+    _, errors = process.communicate()
+    said = ''.join(errors.strip().splitlines()[-1:])
+    # One that a signal ended has a negative code.
+    code = process.returncode if process.returncode >= 0 else EXIT_FAILED
+    found = json.loads(report.read_text(encoding='utf-8')) if report.exists() else None
+    is_told = found and (not code or found['ending'] or found['damage'])
+    error = '' if is_told else said
+    return {
+        'name': name,
+        'exit_code': code or (EXIT_FAILED if found is None else 0),
+        'error': error,
+        'report': found,
+    }
+
+
+def many_as_markdown(outcomes: Sequence[Tree]) -> str:
+    """Return the reports of all bags for a person: a line each, and what failed."""
+    columns = (
+        *('bag', 'ticks', 'with one hypothesis', 'contradictory', 'measurements', 'rejected'),
+        *('median width, by robot', 'truth inside', 'ended'),
+    )
+    rows = [_cells(outcome) for outcome in outcomes]
+    return as_markdown(f'{len(outcomes)} bags', [Table(columns, rows)])
+
+
+def _cells(outcome: Tree) -> list[Any]:
+    """Return the row of one bag."""
+    report = outcome['report']
+    if report is None:
+        return [outcome['name'], *[''] * 7, outcome['error']]
+    truth = report['truth']
+    return [
+        outcome['name'],
+        report['ticks'],
+        report['ticks_by_hypotheses'].get('1', 0),
+        sum(found['ticks'] for found in report['contradictions']),
+        report['accepted'],
+        sum(report['rejected'].values()),
+        ', '.join(width_text(report, robot) for robot in report['median_enclosure_width_m']),
+        f'{truth["held"]} of {truth["compared"]}' if truth else '',
+        ' '.join(filter(None, [report['ending'], *report['damage'], outcome['error']]))
+        or 'at its end',
+    ]
 
 
 def _get_solver_ready() -> None:
@@ -232,7 +302,23 @@ def _localize_one(options: argparse.Namespace, task: Task) -> int:
 
 def main(args: Sequence[str]) -> int:
     """Localize a bag, or several, until their end or a signal; return the exit code."""
-    options = make_parser().parse_args(own_arguments(args))
+    parser = argparse.ArgumentParser(
+        prog='localize_bag',
+        description='Localize a fleet from a rosbag2 as the node would; write a rosbag2.',
+        epilog=f'ROS arguments are those of the node: --ros-args -p rate:=1.0. {EXIT_CODES}',
+    )
+    add = parser.add_argument
+    add('bags', type=Path, nargs='+', metavar='BAG', help='folder, .db3 or .mcap file')
+    add('-o', '--output', type=new_path, required=True, metavar='OUT', help='folder to make')
+    add_fleet(parser)
+    add_span(parser)
+    report = path_ending_in(('.json', '.md', PAGE))
+    add('--report', type=report, metavar='FILE', help='.json, .md or, of one bag, .html')
+    picture = path_ending_in(PICTURES)
+    add('--plot', type=picture, metavar='FILE', help='draw the answers: .png, .svg or .pdf')
+    at_once, cores = number(1.0, ''), os.cpu_count() or 1
+    add('--jobs', type=at_once, default=cores, metavar='N', help='bags at a time (%(default)s)')
+    options = parser.parse_args(own_arguments(args))
     task = read_task(options.params, args)
     wants_page = options.report is not None and options.report.suffix == PAGE
     if options.plot is not None or wants_page:
@@ -245,7 +331,7 @@ def main(args: Sequence[str]) -> int:
             return localize_many(options, args)
         options.bag = options.bags[0]
         return _localize_one(options, task)
-    except (InterruptedRun, KeyboardInterrupt):
+    except KeyboardInterrupt:
         kept = f'{options.output} has the answers so far' if options.output.exists() else ''
         print_line(f'interrupted; {kept or "nothing is written"}')
         return EXIT_INTERRUPTED

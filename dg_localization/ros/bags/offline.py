@@ -4,7 +4,7 @@
 """What the node does, without the node: in the time of a bag, into another bag."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 import math
 import os
@@ -41,7 +41,7 @@ SILENCE_NS = 60 * NS_PER_S
 AFTER_LAST_NS = 10 * NS_PER_S
 """For how long into a gap answers go on, so that the last ones are not taken to be fresh."""
 
-NO_DISCOVERY = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'}
+DISCOVERY = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 
 
 @dataclass(frozen=True)
@@ -75,10 +75,12 @@ def read_task(params: Path, arguments: Sequence[str]) -> Task:
 @contextmanager
 def _hidden_localizer(params: Path, arguments: Sequence[str]) -> Iterator[Node]:
     """Make a node of the name of the localizer that no fleet at work sees, for its parameters."""
-    before = dict(os.environ)
-    os.environ.update(NO_DISCOVERY)
-    context = Context()
-    try:
+    context, before = Context(), os.environ.get(DISCOVERY)
+    with ExitStack() as made:
+        made.callback(os.environ.update, {} if before is None else {DISCOVERY: before})
+        made.callback(os.environ.pop, DISCOVERY)
+        os.environ[DISCOVERY] = 'OFF'
+        made.callback(context.try_shutdown)
         with ros_arguments_checked():
             rclpy.init(
                 args=['--ros-args', '--params-file', str(params), '--', *arguments],
@@ -88,15 +90,8 @@ def _hidden_localizer(params: Path, arguments: Sequence[str]) -> Iterator[Node]:
             node = Node(
                 'localizer', context=context, enable_rosout=False, start_parameter_services=False
             )
-        try:
-            yield node
-        finally:
-            node.destroy_node()
-    finally:
-        context.try_shutdown()
-        for name in NO_DISCOVERY:
-            os.environ.pop(name)
-            os.environ.update({name: before[name]} if name in before else {})
+        made.callback(node.destroy_node)
+        yield node
 
 
 @dataclass(frozen=True)
@@ -133,11 +128,10 @@ def find_inputs(settings: Settings, recorded: Mapping[str, Sequence[str]]) -> In
     topics = tuple(link.topic for link in links if not _wrong_with(link, recorded))
     if not topics:
         names = ', '.join(f"'{template.text}'" for template in settings.templates) or 'none'
+        points, topics_text = ', '.join(settings.fleet.points), ', '.join(sorted(recorded))
         what = (
-            'no topic of the bag is an input of this fleet: '
-            f'its points are {", ".join(settings.fleet.points)}, '
-            f'there are {len(settings.links)} links, the templates are {names}, '
-            f'and the bag has {", ".join(sorted(recorded)) or "no topics"}'
+            f'no topic of the bag is an input of {points} by the templates {names} and '
+            f'{len(settings.links)} links; it has {topics_text}'
         )
         raise BagError('; '.join([what, *notices]))
     return Inputs(links, notices, topics, dict(finder.wrong_types))
@@ -150,10 +144,8 @@ def _wrong_with(link: Link, recorded: Mapping[str, Sequence[str]]) -> str:
         return f'{link.topic} of the links is not in the bag'
     if tuple(kinds) != (link.type_name,):
         says = 'the link' if link.explicit else 'its name'
-        return (
-            f'{link.topic} is passed over: {says} says {link.type_name}, '
-            f'the bag {" and ".join(kinds)}'
-        )
+        others = ' and '.join(kinds)
+        return f'{link.topic} is passed over: {says} says {link.type_name}, the bag {others}'
     return ''
 
 
@@ -164,25 +156,17 @@ class BagLocalizer:
     Attributes
     ----------
     intake : Intake
-    snapshot : Snapshot or None
-        What the last answer is to; None before the first.
-    statuses : tuple of Status
-        What the node would say at the last answer.
 
     """
 
     def __init__(self, task: Task, inputs: Inputs, writer: BagWriter) -> None:
-        self._task = task
-        self._inputs = inputs
+        self._task, self._inputs, self._writer = task, inputs, writer
         self._links = {link.topic: link for link in inputs.links}
-        self._writer = writer
-        self._localizer = Localizer(task.settings.fleet)
-        self.snapshot: Snapshot | None = None
-        self.statuses: tuple[Status, ...] = ()
-        self._outline: object = None
         settings = task.settings
+        self._localizer = Localizer(settings.fleet)
+        self._outline: object = None
         self.intake = Intake(self._localizer, settings.use_header_stamp, settings.ids)
-        for output in (*estimate_outputs(task.settings.fleet.robots), DIAGNOSTICS):
+        for output in (*estimate_outputs(settings.fleet.robots), DIAGNOSTICS):
             writer.add_output(task.topics[output.name], output.message_class, output.qos)
 
     def take(self, message: BagMessage) -> None:
@@ -190,53 +174,46 @@ class BagLocalizer:
         link = self._links[message.topic]
         self.intake.take(link, message.data, in_seconds(message.time_ns))
 
-    def tick(self, time_ns: int, cancel: Cancel) -> Estimate | None:
-        """Localize and write the answer; None, and nothing written, when it is cancelled."""
+    def tick(
+        self, time_ns: int, cancel: Cancel
+    ) -> tuple[Estimate, Snapshot, Sequence[Status]] | None:
+        """
+        Localize and write the answer; None, and nothing written, when it is cancelled.
+
+        Return it with the snapshot that it is to, and what the node would say.
+        """
         answer_s = self._localizer.answer_time(in_seconds(time_ns))
         snapshot = self._localizer.snapshot(answer_s)
         estimate = self._localizer.estimate(snapshot, cancel)
         if cancel.is_set():
             return None
-        self.snapshot = snapshot
         settings = self._task.settings
         for name, message in estimate_messages(
             estimate, settings.fixed_frame, settings.lifetime_s, settings.least_deviation_m
         ):
             self._writer.write(self._task.topics[name], time_ns, message)
-        diagnostics = self._diagnose(estimate, in_seconds(time_ns))
-        self.statuses = diagnostics.statuses
+        now_s = in_seconds(time_ns)
+        report = Report(
+            node=self._task.node,
+            settings=settings,
+            now_s=now_s,
+            estimate=estimate,
+            links=tuple(self._links.values()),
+            inputs=self.intake.states(now_s),
+            malformed=self.intake.malformed,
+            wrong_types=self._inputs.wrong_types,
+        )
+        diagnostics = Diagnostics(now_s, statuses(report))
+        for status in diagnostics.statuses:
+            # It depends on the machine.
+            status.values.pop('solve_s', None)
         # As the node does, on a change and every second.
         second = time_ns // NS_PER_S
         if (second, outline(diagnostics)) != self._outline:
             self._outline = second, outline(diagnostics)
             data = diagnostics_to_cdr(diagnostics)
             self._writer.write(self._task.topics[DIAGNOSTICS.name], time_ns, data)
-        return estimate
-
-    def _diagnose(self, estimate: Estimate, now_s: float) -> Diagnostics:
-        settings = self._task.settings
-        report = Report(
-            node=self._task.node,
-            trouble='',
-            failure='',
-            warnings=(),
-            now_s=now_s,
-            lifetime_s=settings.lifetime_s,
-            localized_width_m=settings.localized_width_m,
-            estimate=estimate,
-            robots=settings.fleet.robots,
-            links=tuple(self._links.values()),
-            inputs=self.intake.states(now_s),
-            malformed=self.intake.malformed,
-            wrong_types=self._inputs.wrong_types,
-        )
-        return Diagnostics(now_s, tuple(map(_without_time_taken, statuses(report))))
-
-
-def _without_time_taken(status: Status) -> Status:
-    """Leave out what depends on the machine."""
-    values = {name: value for name, value in status.values.items() if name != 'solve_s'}
-    return replace(status, values=values)
+        return estimate, snapshot, diagnostics.statuses
 
 
 def timeline(

@@ -4,10 +4,10 @@
 """The picture of a bag: its answers over time, robot by robot, and a map of them."""
 
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec
 from io import StringIO
+from itertools import pairwise
 import math
 from pathlib import Path
 from typing import Any
@@ -85,9 +85,8 @@ class AnswerPicture:
         self._truth = truth
         self._moments: list[_Moment] = []
         self._n_added, self._every = 0, 1
-        names = [f'{name} [m]' for name in 'xyz'[: fleet.dimension]]
-        names += [HEADING] if fleet.dimension == 2 else []
-        self.columns = (*names, ERROR) if truth is not None else tuple(names)
+        names = ('x [m]', 'y [m]', HEADING if fleet.dimension == 2 else 'z [m]')
+        self.columns = (*names, ERROR) if truth is not None else names
 
     def add(self, estimate: Estimate, snapshot: Snapshot, time_s: float) -> None:
         """Add the answer to a snapshot, for a time from the start of the bag."""
@@ -98,17 +97,15 @@ class AnswerPicture:
         shape = len(placements), len(self._robots), len(self.columns)
         best, low, high = (np.full(shape, np.nan) for _ in range(3))
         true = np.full(shape[1:], np.nan)
-        n_of_pose = 3
         for row, placement in enumerate(placements):
-            columns = self._columns_of(placement)
-            best[row, :, :n_of_pose], low[row, :, :n_of_pose], high[row, :, :n_of_pose] = columns
+            best[row, :, :3], low[row, :, :3], high[row, :, :3] = self._columns_of(placement)
         if self._truth is not None and estimate.frame is not None:
             beside = self._truth.beside(estimate.frame, snapshot)
             true[:, : self._dimension] = beside.positions_m
             if self._dimension == 2:
                 true[:, 2] = np.arctan2(beside.rotations[:, 1, 0], beside.rotations[:, 0, 0])
             off_m = (best - true)[:, :, : self._dimension]
-            best[:, :, n_of_pose] = np.linalg.norm(off_m, axis=-1)
+            best[:, :, 3] = np.linalg.norm(off_m, axis=-1)
         for values, beyond in ((best, np.nan), (true, np.nan), (low, -np.inf), (high, np.inf)):
             values[np.abs(values) > LARGEST_M] = beyond
         landmarks_m = placements[0].landmarks_m if placements else np.empty((0, self._dimension))
@@ -160,10 +157,8 @@ class AnswerPicture:
         panels = grid[:, 1:].subgridspec(n_rows, n_columns).subplots(squeeze=False, sharex=True)
         for row, column in np.ndindex(n_rows, n_columns):
             self._draw_panel(panels[row, column], row, column)
-        for row in range(n_rows):
             panels[row, 0].set_ylabel(self._robots[row], parse_math=False)
-        for column, name in enumerate(self.columns):
-            panels[0, column].set_title(name, fontsize=10)
+            panels[0, column].set_title(self.columns[column], fontsize=10)
             panels[-1, column].set_xlabel('time from the start of the bag [s]')
         is_cut = len(self._robots) > n_rows
         cut = f' (robots after the first {n_rows} are on the map only)' if is_cut else ''
@@ -232,34 +227,24 @@ class AnswerPicture:
             # A line from pi to -pi would be no truth.
             true[1:][np.abs(np.diff(true)) > math.pi] = np.nan
         panel.plot(times_s, true, color='black', linewidth=0.9)
-        for time_s in self._frame_changes_s():
-            panel.axvline(time_s, color='0.5', linewidth=0.7, linestyle='--')
+        for before, after in pairwise(moment for moment in self._moments if moment.frame):
+            if before.frame != after.frame:
+                panel.axvline(after.time_s, color='0.5', linewidth=0.7, linestyle='--')
         panel.set_ylim(*limits)
         panel.grid(color='0.93')
         panel.set_axisbelow(True)
 
     def _limits(self, row: int, column: int) -> tuple[float, float]:
         """Return the ends of an axis: it has all that is known, and most of the bounds."""
-        known = [m.best[:, row, column] for m in self._moments]
-        known += [m.true[row, column].reshape(1) for m in self._moments]
-        bounds = [b[:, row, column] for m in self._moments for b in (m.low, m.high)]
-        values, ends = np.concatenate([[], *known]), np.concatenate([[], *bounds])
-        values, ends = values[np.isfinite(values)], ends[np.isfinite(ends)]
-        if len(ends):
-            values = np.concatenate([values, np.percentile(ends, [2.0, 98.0])])
-        if not len(values):
-            return -1.0, 1.0
+        known = [np.atleast_1d(m.true[row, column]) for m in self._moments]
+        known += [m.best[:, row, column] for m in self._moments]
+        bounds = [one[:, row, column] for m in self._moments for one in (m.low, m.high)]
+        ends, values = np.concatenate([[], *bounds]), np.concatenate([[], *known])
+        ends, values = ends[np.isfinite(ends)], values[np.isfinite(values)]
+        values = np.append(values, np.percentile(ends, [2.0, 98.0]) if len(ends) else [])
+        values = values if len(values) else np.zeros(1)
         margin = max(0.05 * float(np.ptp(values)), 0.1)
         return float(values.min()) - margin, float(values.max()) + margin
-
-    def _frame_changes_s(self) -> Iterator[float]:
-        """Yield the times from which on answers have another frame than those before."""
-        frame = ''
-        for moment in self._moments:
-            if moment.frame:
-                if frame not in ('', moment.frame):
-                    yield moment.time_s
-                frame = moment.frame
 
     def _legend(self) -> list[Any]:
         """Return what the signs mean, in neutral colors."""
@@ -267,12 +252,11 @@ class AnswerPicture:
         from matplotlib.patches import Patch
 
         gray = '0.45'
+        marks = {'.': 'best point', 'x': 'mirror image', '^': 'anchor'}
         return [
-            Line2D([], [], color=gray, marker='.', linestyle='', label='best point'),
             Patch(facecolor=gray, alpha=0.25, label='enclosure, darker where hypotheses overlap'),
-            Line2D([], [], color=gray, marker='x', linestyle='', label='mirror image'),
+            *(Line2D([], [], color=gray, marker=m, ls='', label=n) for m, n in marks.items()),
             Line2D([], [], color='black', linewidth=0.9, label='truth'),
-            Line2D([], [], color=gray, marker='^', linestyle='', label='anchor'),
             Line2D([], [], color='0.5', linestyle='--', label='the frame changes'),
         ]
 

@@ -9,7 +9,7 @@ sensor_msgs/Range has a variance since Iron, and no subscriber of today reads th
 
 from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import redirect_stdout, suppress
+from contextlib import closing, redirect_stdout, suppress
 from functools import cache
 from heapq import heappop, heappush
 from io import StringIO
@@ -23,6 +23,7 @@ from dg_localization.ros.bags.bag import (
     Channel,
     Topic,
 )
+from dg_localization.ros.executables import make_progress
 
 DISTRIBUTIONS = ('JAZZY', 'IRON', 'HUMBLE', 'GALACTIC', 'FOXY', 'ELOQUENT', 'DASHING')
 """Where a bag does not hold the definition of a type, that of one of these may fit."""
@@ -103,6 +104,16 @@ class Reading:
         lost = [name for name in self.unreadable if not self._delivered[name]]
         texts = [f'{name}: none of its messages could be read' for name in lost]
         return [*self.bag.damage, *self._undecodable, *texts]
+
+    def shown(self, start_s: float, duration_s: float | None) -> Iterator[BagMessage]:
+        """Yield the messages with a bar over the time of the bag."""
+        done_ns = self.bag.start_ns + round(start_s * NS_PER_S)
+        left_s = max(0.0, self.bag.duration_s - start_s)
+        with closing(make_progress(min(left_s, duration_s or left_s))) as progress:
+            for message in self.messages(start_s, duration_s):
+                yield message
+                progress.update((message.time_ns - done_ns) / NS_PER_S)
+                done_ns = message.time_ns
 
     def messages(
         self, start_s: float = 0.0, duration_s: float | None = None

@@ -10,21 +10,20 @@ Nodes that are to live in the time of the bag set the parameter `use_sim_time`.
 """
 
 import argparse
-from collections.abc import Iterator, Sequence
-from contextlib import closing
+from collections.abc import Iterable, Sequence
+import math
 from pathlib import Path
 import time
-from typing import Any
 
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 
 from dg_localization.ros.bags.bag import NS_PER_S, BagError, Topic, open_bag
 from dg_localization.ros.bags.reading import BagMessage, Reading
-from dg_localization.ros.executables import add_span, make_progress, number, print_line
+from dg_localization.ros.executables import add_span, number, print_line
 from dg_localization.ros.spinning import own_arguments, rclpy_running
 
 CLOCK = '/clock'
@@ -74,68 +73,32 @@ class Replayer:
             time.sleep(CLOCK_PERIOD_S)
         return count
 
-    def play(self, messages: Iterator[BagMessage], start_ns: int, progress: Any) -> int:
-        """Publish messages, each after the time of it on `/clock`."""
-        wall_start_s = time.monotonic()
-        clock_ns = start_ns
-        count = 0
-        self._publish_clock(start_ns)
+    def play(self, messages: Iterable[BagMessage], start_ns: int) -> int:
+        """Publish messages, each after the time of it on `/clock`, and wait for subscribers."""
+        began_s, clock, count = time.monotonic(), Clock(), 0
+        clock_ns = start_ns - 1
         for message in messages:
-            due_s = wall_start_s + (message.time_ns - start_ns) / NS_PER_S / self._rate
-            while (left_s := due_s - time.monotonic()) > CLOCK_PERIOD_S:
-                time.sleep(CLOCK_PERIOD_S)
-                passed_s = time.monotonic() - wall_start_s
-                now_ns = start_ns + round(passed_s * self._rate * NS_PER_S)
-                clock_ns = self._advance(clock_ns, min(now_ns, message.time_ns), progress)
-            if left_s > 0.0:
-                time.sleep(left_s)
-            clock_ns = self._advance(clock_ns, message.time_ns, progress)
+            left_s = math.inf
+            while left_s > 0.0:
+                passed_s = (time.monotonic() - began_s) * self._rate
+                now_ns = min(message.time_ns, start_ns + round(passed_s * NS_PER_S))
+                if now_ns > clock_ns:
+                    clock.clock.sec, clock.clock.nanosec = divmod(now_ns, NS_PER_S)
+                    self._clock.publish(clock)
+                    clock_ns = now_ns
+                left_s = (message.time_ns - now_ns) / NS_PER_S / self._rate
+                time.sleep(min(left_s, CLOCK_PERIOD_S))
             self._publishers[message.topic].publish(message.data)
             count += 1
-        return count
-
-    def _advance(self, clock_ns: int, now_ns: int, progress: Any) -> int:
-        """Publish the time if it is later than the last one, and return the later of both."""
-        if now_ns <= clock_ns:
-            return clock_ns
-        self._publish_clock(now_ns)
-        progress.update((now_ns - clock_ns) / NS_PER_S)
-        return now_ns
-
-    def _publish_clock(self, time_ns: int) -> None:
-        message = Clock()
-        message.clock.sec, message.clock.nanosec = divmod(time_ns, NS_PER_S)
-        self._clock.publish(message)
-
-    def flush(self) -> None:
-        """Wait, for a short time, until every reliable subscriber has everything."""
         for publisher in self._publishers.values():
             publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_S))
+        return count
 
 
 def _qos(latched: bool) -> QoSProfile:
     """Return a profile that subscribers of every reliability can read."""
     durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
-    return QoSProfile(
-        depth=QUEUE_DEPTH, reliability=ReliabilityPolicy.RELIABLE, durability=durability
-    )
-
-
-def make_parser() -> argparse.ArgumentParser:
-    """Return the parser of the command line."""
-    parser = argparse.ArgumentParser(
-        prog='replay', description='Publish the messages of a rosbag2 on their topics.'
-    )
-    add = parser.add_argument
-    add('bag', type=Path, metavar='BAG', help='folder, .db3 or .mcap file')
-    pace = number(0.0, '', strict=True)
-    add('--rate', type=pace, default=1.0, help='seconds of the bag per second (%(default)s)')
-    add('--loop', action='store_true', help='begin again at the end, once a second at most')
-    add_span(parser)
-    add('--topics', nargs='+', metavar='T', help='play only these topics')
-    seconds = number(0.0, ' s')
-    add('--wait', type=seconds, default=5.0, metavar='S', help='for subscribers (%(default)s)')
-    return parser
+    return QoSProfile(depth=QUEUE_DEPTH, durability=durability)
 
 
 def replay(node: Node, options: argparse.Namespace) -> None:
@@ -144,8 +107,7 @@ def replay(node: Node, options: argparse.Namespace) -> None:
         reading = Reading(bag, options.topics)
         for notice in (*bag.damage, *bag.notices, *reading.notices):
             print_line(notice)
-        left_s = bag.duration_s - options.start
-        if left_s < 0.0:
+        if bag.duration_s < options.start:
             raise BagError(
                 f'--start {options.start:g} s is after the end: the bag has {bag.duration_s:.1f} s'
             )
@@ -158,14 +120,10 @@ def replay(node: Node, options: argparse.Namespace) -> None:
         if not replayer.wait_for_subscribers(options.wait):
             print_line(f'nobody subscribed within {options.wait:g} s; playing all the same')
         start_ns = bag.start_ns + round(options.start * NS_PER_S)
-        total_s = left_s if options.duration is None else min(left_s, options.duration)
         while True:
             next_pass_s = time.monotonic() + SHORTEST_PASS_S
-            recorded = reading.messages(options.start, options.duration)
-            messages = (message for message in recorded if message.topic != CLOCK)
-            with closing(make_progress(total_s)) as progress:
-                count = replayer.play(messages, start_ns, progress)
-            replayer.flush()
+            recorded = reading.shown(options.start, options.duration)
+            count = replayer.play((one for one in recorded if one.topic != CLOCK), start_ns)
             print_line(f'{count} messages published')
             for topic, unreadable in sorted(reading.unreadable.items()):
                 print_line(f'{topic}: {unreadable} damaged messages were passed over')
@@ -177,7 +135,19 @@ def replay(node: Node, options: argparse.Namespace) -> None:
 
 def main(args: Sequence[str]) -> int:
     """Replay a bag until its end or a signal."""
-    options = make_parser().parse_args(own_arguments(args))
+    parser = argparse.ArgumentParser(
+        prog='replay', description='Publish the messages of a rosbag2 on their topics.'
+    )
+    add = parser.add_argument
+    add('bag', type=Path, metavar='BAG', help='folder, .db3 or .mcap file')
+    pace = number(0.0, '', strict=True)
+    add('--rate', type=pace, default=1.0, help='seconds of the bag per second (%(default)s)')
+    add('--loop', action='store_true', help='begin again at the end, once a second at most')
+    add_span(parser)
+    add('--topics', nargs='+', metavar='T', help='play only these topics')
+    seconds = number(0.0, ' s')
+    add('--wait', type=seconds, default=5.0, metavar='S', help='for subscribers (%(default)s)')
+    options = parser.parse_args(own_arguments(args))
     with rclpy_running(args):
         node = Node('replay')
         try:

@@ -12,6 +12,7 @@ from array import array
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import timedelta
 import json
 import math
 import re
@@ -70,17 +71,16 @@ class Tally:
 
     def tree(self) -> Tree:
         """Return the sums; a width is None where most enclosures are not bounded, or none is."""
-        # The lower one of two: a finite and an infinite width have no mean.
-        widths = {
-            robot: median_low(found or [math.nan]) for robot, found in self._widths_m.items()
-        }
         return {
             'ticks': self.ticks,
             'ticks_by_hypotheses': _counts(self._hypotheses),
             'ticks_by_verdict': _counts(self._verdicts),
             'median_enclosure_width_m': {
-                robot: width_m if math.isfinite(width_m) else None
-                for robot, width_m in widths.items()
+                # The lower one of two: a finite and an infinite width have no mean.
+                robot: width_m
+                if math.isfinite(width_m := median_low(found or [math.nan]))
+                else None
+                for robot, found in self._widths_m.items()
             },
             'contradictions': self._contradictions,
             'forgotten': self._forgotten,
@@ -194,8 +194,7 @@ def parts(tree: Tree) -> Iterator[str | Table]:
     if at_budget := tree['ticks_by_verdict'].get(Verdict.OUT_OF_BUDGET.value):
         yield (
             f'The search of {_ticks(at_budget)} ended at solver.max_boxes, {tree["max_boxes"]} '
-            'boxes: no placement is lost there, but the enclosures are wider, and the hypotheses '
-            'may be more, than a longer search would leave.'
+            'boxes: no placement is lost, but a longer search may leave less.'
         )
     yield Table(
         ('robot', 'median width of its enclosure'),
@@ -275,9 +274,8 @@ def truth_parts(truth: Tree) -> Iterator[str | Table]:
     )
     if stated := truth['consistency']:
         yield (
-            f'{100.0 * stated["beyond_3_deviations"]:.1f} % of the coordinates, and of the '
-            'headings in the plane, are off by more than three of their stated deviations; '
-            f'the median NEES per coordinate is {stated["median_nees"]:.2f}.'
+            f'{100.0 * stated["beyond_3_deviations"]:.1f} % of coordinates and headings are off '
+            f'by more than three deviations; the median NEES is {stated["median_nees"]:.2f}.'
         )
     rows = []
     for robot, kinds in truth['errors'].items():
@@ -304,14 +302,9 @@ def spans(runs: Iterable[Tree], *names: str) -> dict[tuple[Any, ...], str]:
 
 def gap_text(first_s: float, last_s: float) -> str:
     """Return a sentence on a time without any message of an input."""
-    duration, unit = last_s - first_s, 's'
-    for name, length_s in (('days', 86_400.0), ('hours', 3_600.0), ('minutes', 60.0)):
-        if last_s - first_s >= length_s:
-            duration, unit = (last_s - first_s) / length_s, name
-            break
     return (
         f'Nothing was received from {first_s:.1f} to {last_s:.1f} s of the bag '
-        f'({duration:.1f} {unit}): this gap is skipped.'
+        f'({timedelta(seconds=round(last_s - first_s))}): this gap is skipped.'
     )
 
 

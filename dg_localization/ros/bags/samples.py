@@ -10,7 +10,7 @@ import math
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from dg_localization.calibration.bounds import residuals
 from dg_localization.calibration.truth import TrueTrack, range_errors_m, ray_errors_rad
@@ -23,23 +23,23 @@ from dg_localization.fleet import (
     SensorBounds,
 )
 from dg_localization.fleet.error_models import in_body_frame, interpret_ray
-from dg_localization.fleet.localizer import PeerMeasurement
+from dg_localization.fleet.measurements import MeasurementStore
 
 FloatArray: TypeAlias = NDArray[np.float64]
 OdometryPiece: TypeAlias = list[tuple[float, Any, Any]]
 """Stamps in s, positions and quaternions, each newer than the one before."""
 
 
-class Gatherer(Localizer):
+class Samples(MeasurementStore):
     """
-    Keeps the readings that a localizer accepts, and is never asked to localize.
+    Keeps what is accepted of a recording.
 
     What the node would reject is nothing to learn from: its bounds are for what it takes.
 
     Attributes
     ----------
     readings : dict of LinkKey to list of (float, float or ndarray)
-        By input, stamps in s with ranges in m or with unit vectors, as they arrived.
+        By input, stamps in s with ranges in m or with unit vectors in the body, as they arrived.
     odometry : dict of str to list of OdometryPiece
         By robot; where its odometry starts anew, as the localizer finds it, a piece begins.
     stated : dict of LinkKey to set of SensorBounds
@@ -59,90 +59,48 @@ class Gatherer(Localizer):
         pieces = (piece for pieces in self.odometry.values() for piece in pieces)
         return found + [row[0] for piece in pieces for row in piece]
 
-    def add_range(
-        self, observer: str, target: str, range_m: float, stamp_s: float, *args: Any, **others: Any
-    ) -> Rejection | None:
-        """Keep a range that is accepted."""
-        rejection = super().add_range(observer, target, range_m, stamp_s, *args, **others)
-        if rejection is None:
-            self._keep(observer, target, range_m, stamp_s, others.get('bounds'))
-        return rejection
-
-    def add_bearing(
-        self,
-        observer: str,
-        target: str,
-        ray_xyz: ArrayLike,
-        stamp_s: float,
-        now_s: float,
-        bounds: SensorBounds | None = None,
-    ) -> Rejection | None:
-        """Keep a ray that is accepted."""
-        rejection = super().add_bearing(observer, target, ray_xyz, stamp_s, now_s, bounds)
-        if rejection is None:
-            self._keep(observer, target, ray_xyz, stamp_s, bounds)
-        return rejection
-
     def add_odometry(
-        self,
-        robot: str,
-        position_xyz: ArrayLike,
-        orientation_xyzw: ArrayLike,
-        stamp_s: float,
-        *args: Any,
-        **others: Any,
+        self, key: LinkKey, position_xyz: Any, orientation_xyzw: Any, stamp_s: float, *args: Any
     ) -> Rejection | None:
         """Keep a pose that is accepted, as it was reported."""
-        rejection = super().add_odometry(
-            robot, position_xyz, orientation_xyzw, stamp_s, *args, **others
-        )
+        rejection = super().add_odometry(key, position_xyz, orientation_xyzw, stamp_s, *args)
         if rejection is None:
             turn = np.asarray(orientation_xyzw, dtype=float)
-            pieces = self.odometry[robot]
-            if not pieces or self.odometry_restarted_s(robot) > pieces[-1][-1][0]:
+            pieces = self.odometry[key.observer]
+            if not pieces or self.odometry_restarted_s(key.observer) > pieces[-1][-1][0]:
                 pieces.append([])
             place_m = np.array(position_xyz, dtype=float)
             pieces[-1].append((stamp_s, place_m, turn / np.linalg.norm(turn)))
         return rejection
 
-    def add_peers(
-        self,
-        observer: str,
-        readings: Iterable[PeerMeasurement],
-        stamp_s: float,
-        now_s: float,
-        bounds: SensorBounds | None = None,
-    ) -> list[Rejection]:
-        """Keep what is accepted of everything that one robot measured."""
-        # Who measured, and when, is checked once. The rows go one by one: of all together the
-        # answer does not say which were accepted.
-        rejections = super().add_peers(observer, (), stamp_s, now_s, bounds)
-        for target, value in readings if not rejections else ():
-            of_row = super().add_peers(observer, [(target, value)], stamp_s, now_s, bounds)
-            rejections += of_row
-            if not of_row:
-                self._keep(observer, target, value, stamp_s, bounds)
-        return rejections
-
-    def _keep(
-        self,
-        observer: str,
-        target: str,
-        value: Any,
-        stamp_s: float,
-        bounds: SensorBounds | None,
+    def _take(
+        self, key: LinkKey, value: Any, stamp_s: float, now_s: float, bounds: SensorBounds
     ) -> None:
-        """Keep a range in m, or the unit vector of a ray in the body frame."""
-        kind = LinkKind.RANGE if isinstance(value, int | float) else LinkKind.BEARING
-        key = LinkKey(kind, observer, target)
-        self.stated[key].add(bounds or self.config.sensor_bounds)
-        if kind is LinkKind.BEARING:
-            in_body = in_body_frame(self.config.sensors.get(observer), value)
-            value = interpret_ray(in_body, self.config.dimension)
+        """Keep a range or a ray that is not refused."""
+        super()._take(key, value, stamp_s, now_s, bounds)
+        self.stated[key].add(bounds)
+        if key.kind is LinkKind.BEARING:
+            in_body = in_body_frame(self._config.sensors.get(key.observer), value)
+            ray = interpret_ray(in_body, self._config.dimension)
+            self.readings[key].append((stamp_s, ray))
         # Infinity is accepted where it proves that the target is far; it has no error.
-        elif math.isinf(value):
-            return
-        self.readings[key].append((stamp_s, value))
+        elif math.isfinite(value.range_m):
+            self.readings[key].append((stamp_s, value.range_m))
+
+
+class Gatherer(Localizer):
+    """
+    A localizer that keeps all that it accepts, and is never asked to localize.
+
+    Attributes
+    ----------
+    samples : Samples
+
+    """
+
+    def __init__(self, config: FleetConfig) -> None:
+        super().__init__(config)
+        self._store = self.samples = Samples(config)
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +138,7 @@ def errors_of(
     in space is not known of rays. The offsets are added to the stamps first.
     """
     dimension, found = gatherer.config.dimension, {}
-    for key, rows in gatherer.readings.items():
+    for key, rows in gatherer.samples.readings.items():
         is_range = key.kind is LinkKind.RANGE
         order = sorted(rows, key=lambda row: row[0])
         stamps_s, read = (np.array(column) for column in zip(*order, strict=True))

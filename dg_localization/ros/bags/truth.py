@@ -16,7 +16,7 @@ from rclpy.serialization import deserialize_message
 from dg_localization.calibration.answers import FleetTruth
 from dg_localization.calibration.truth import TrueTrack
 from dg_localization.fleet import FleetConfig
-from dg_localization.ros.bags.bag import Bag, BagError, find_message_class, in_seconds
+from dg_localization.ros.bags.bag import Bag, BagError, in_seconds
 from dg_localization.ros.bags.reading import Reading
 from dg_localization.ros.executables import UsageError
 from dg_localization.ros.interface.parameters.settings import Settings
@@ -89,8 +89,7 @@ def read_truth(names: Sequence[str], settings: Settings, bag: Bag) -> Truth:
     turns = [turn for rows in truth.poses.values() for _, _, turn in rows]
     if fleet.dimension == 3 and not any(np.isfinite(turn).all() for turn in turns):
         truth.notices.append(
-            f'{" and ".join(files)}: no orientation in space, which takes the columns qx, qy, qz '
-            'and qw (a robot with a yaw alone may be tilted): what depends on it is not compared'
+            f'{" and ".join(files)}: no orientation in space, which takes qx, qy, qz and qw'
         )
     return truth
 
@@ -99,33 +98,30 @@ def _read_topics(topics: Mapping[str, str], settings: Settings, bag: Bag, truth:
     """Add the poses on topics, each of one robot or, where its name is empty, of all."""
     if not topics:
         return
-    reading, malformed = Reading(bag, topics), 0
+    reading = Reading(bag, topics)
     for message in reading.messages():
         robot, message_class = topics[message.topic], bag.topics[message.topic].message_class
+        robots = [robot] if robot else settings.fleet.robots
         try:
             decoded: Any = deserialize_message(message.data, message_class)
             stamp_s = stamp_from_message(decoded.header.stamp)
             # The pose of a message, with a covariance or without.
             poses = [getattr(decoded.pose, 'pose', decoded.pose)] if robot else decoded.poses
-            rows = [
-                (xyz_from_message(p.position), xyzw_from_message(p.orientation)) for p in poses
-            ]
         except Exception:  # on damaged bytes whatever the decoder raises
-            malformed += 1
+            reading.unreadable[message.topic] += 1
             continue
-        robots = [robot] if robot else settings.fleet.robots
-        if len(rows) != len(robots):
+        if len(poses) != len(robots):
             raise BagError(
-                f'{message.topic} has {len(rows)} poses, there are {len(robots)} robots: it must '
-                "hold one pose for each of the parameter 'robots', in that order"
+                f'{message.topic} has {len(poses)} poses, not one of each of {len(robots)} robots'
             )
         if not settings.use_header_stamp:
             stamp_s = in_seconds(message.time_ns)
-        for name, row in zip(robots, rows, strict=True):
-            truth.poses[name].append((stamp_s, *row))
+        for name, pose in zip(robots, poses, strict=True):
+            place_m, turn = xyz_from_message(pose.position), xyzw_from_message(pose.orientation)
+            truth.poses[name].append((stamp_s, place_m, turn))
     truth.damage += reading.damage
     truth.notices += reading.notices
-    if malformed := malformed + reading.unreadable.total():
+    if malformed := reading.unreadable.total():
         truth.notices.append(f'{malformed} messages of the ground truth could not be read')
 
 
@@ -152,8 +148,6 @@ def _find_topics(
                     f'{topic} is {" and ".join(recorded[topic])}; a ground truth is '
                     f'{" or ".join(allowed)}'
                 )
-            if find_message_class(recorded[topic][0]) is None:
-                raise BagError(f'{topic}: its type {recorded[topic][0]} is not installed')
         found.update(present)
     return found
 
@@ -175,7 +169,16 @@ def read_table(path: Path, robots: Sequence[str], dimension: int, poses: Poses) 
         columns, rows = split_table(path.read_text(encoding='utf-8-sig'))
     except (OSError, UnicodeDecodeError) as error:
         raise UsageError(f'{path} is no table in UTF-8: {error}') from None
-    _check_columns(path, columns, robots, dimension)
+    wanted = [name for name in COLUMNS if name != 'robot' or len(robots) > 1]
+    wanted += ['z'] if dimension == 3 else []
+    if not set(QUATERNION).isdisjoint(columns):
+        wanted += QUATERNION
+    missing = [name for name in wanted if name not in columns]
+    if missing:
+        raise UsageError(
+            f'{path} has no column {", ".join(missing)}; its first line must name stamp, robot '
+            "(not in 'truth_{robot}.tum'), x, y, in space z; where known yaw or qx, qy, qz and qw"
+        )
     found: Poses = {}
     for number, cells in rows:
         try:
@@ -220,27 +223,6 @@ def split_table(text: str) -> tuple[Sequence[str], list[tuple[int, list[str]]]]:
     return (TUM if n_cells == len(TUM) and 'x' not in names else names), rows
 
 
-def _check_columns(
-    path: Path, columns: Sequence[str], robots: Sequence[str], dimension: int
-) -> None:
-    """Check that a table has what a ground truth needs."""
-    wanted = [name for name in COLUMNS if name != 'robot' or len(robots) > 1]
-    wanted += ['z'] if dimension == 3 else []
-    if not set(QUATERNION).isdisjoint(columns):
-        wanted += QUATERNION
-    missing = [name for name in wanted if name not in columns]
-    if missing == ['robot']:
-        raise UsageError(
-            f'{path} does not say which robot it is of: it needs a column robot, or a name with '
-            "{robot} such as 'truth_{robot}.tum' for one file of each"
-        )
-    if missing:
-        raise UsageError(
-            f'{path} has no column {", ".join(missing)}; its first line must name stamp, '
-            'robot, x, y, in space z, and where they are known z, and yaw or qx, qy, qz and qw'
-        )
-
-
 def _pose_of(row: dict[str, str], dimension: int) -> tuple[float, Any, Any]:
     """Return stamp, position and quaternion of one row; ValueError where one is wrong."""
     flat = '0' if dimension == 2 else ''
@@ -271,6 +253,5 @@ def apart_text(truth_s: Sequence[float], others_s: Sequence[float], what: str) -
         hint = f'those of the ground truth look counted from zero: add {begin_s:.3f}.'
     return (
         f'The ground truth is of {first_s:.3f} to {last_s:.3f} s, {what} are of {begin_s:.3f} to '
-        f'{end_s:.3f} s: these times do not meet. Stamps must be in seconds, on the same clock; '
-        f'{hint}'
+        f'{end_s:.3f} s. Stamps must be in seconds, on the same clock; {hint}'
     )

@@ -14,6 +14,8 @@ from dg_localization.ros.bags.report import Runs, Tree
 from dg_localization.ros.bags.truth import apart_text
 from dg_localization.solver.result import Verdict
 
+COUNTS = ('compared', 'held', 'infeasible', 'unlisted', 'uncompared')
+
 OF_TRUTH = FixedFrame(FrameKind.ANCHORS, ())
 """The frame of the truth itself."""
 
@@ -24,11 +26,10 @@ class TruthTally:
 
     Attributes
     ----------
-    compared, uncompared : int
-        Answers with placements, or with a proof that there is none, of whose time the truth is
-        known, and not known.
-    held, infeasible, unlisted : int
-        Of those compared: the ones that hold it, those without a placement, and those of which
+    counts : dict of str to int
+        `compared` and `uncompared` are answers with placements, or with a proof that there is
+        none, of whose time the truth is known, and not known. Of those compared `held` are the
+        ones that hold it, `infeasible` those without a placement, and `unlisted` those of which
         none that is listed holds it, while not all are listed.
     misses : Runs
         The others: the robots that the nearest hypothesis does not hold.
@@ -36,8 +37,7 @@ class TruthTally:
     """
 
     def __init__(self, truth: FleetTruth) -> None:
-        self.compared = self.uncompared = 0
-        self.held = self.infeasible = self.unlisted = 0
+        self.counts = dict.fromkeys(COUNTS, 0)
         self.misses = Runs()
         self._truth = truth
         self._robots = truth.fleet.robots
@@ -54,9 +54,9 @@ class TruthTally:
         if estimate.verdict is Verdict.INFEASIBLE:
             # A proof that no placement agrees is refuted where the truth is known.
             is_known = self._truth.beside(OF_TRUTH, snapshot).tells
-            self.compared += is_known
-            self.infeasible += is_known
-            self.uncompared += not is_known
+            self.counts['compared'] += is_known
+            self.counts['infeasible'] += is_known
+            self.counts['uncompared'] += not is_known
             return
         answers: list[Estimate | Group] = [estimate, *estimate.groups]
         placed = [answer for answer in answers if answer.placements]
@@ -66,9 +66,9 @@ class TruthTally:
             if (robots := self._missed_by(answer, snapshot)) is not None
         ]
         if not compared:
-            self.uncompared += bool(placed)
+            self.counts['uncompared'] += bool(placed)
             return
-        self.compared += 1
+        self.counts['compared'] += 1
         # One that is not listed may hold what the listed ones of its answer miss.
         missed = tuple(
             robot
@@ -78,10 +78,9 @@ class TruthTally:
         )
         if missed:
             self.misses.add(self._ticks, time_s, robots=missed)
-        elif any(robots for _, robots in compared):
-            self.unlisted += 1
         else:
-            self.held += 1
+            misses = any(robots for _, robots in compared)
+            self.counts['unlisted' if misses else 'held'] += 1
 
     def _missed_by(self, answer: Estimate | Group, snapshot: Snapshot) -> tuple[str, ...] | None:
         """Return whom the placement that is nearest to the truth misses; None if that is open."""
@@ -133,11 +132,7 @@ class TruthTally:
                 'median_nees': float(np.median(self._nees)),
             }
         return {
-            'compared': self.compared,
-            'held': self.held,
-            'infeasible': self.infeasible,
-            'unlisted': self.unlisted,
-            'uncompared': self.uncompared,
+            **self.counts,
             'without_truth': [name for name in self._robots if name not in self._truth.tracks],
             'missed': self.misses,
             'consistency': consistency,

@@ -121,24 +121,17 @@ def writing(path: Path) -> Iterator[None]:
 
 def _recorded_qos(profile: QoSProfile) -> Any:
     """Return a profile as a bag keeps it."""
-    from rosbags.interfaces import (
-        Qos,
-        QosDurability,
-        QosHistory,
-        QosLiveliness,
-        QosReliability,
-        QosTime,
-    )
+    from rosbags import interfaces
 
-    forever = QosTime(*FOREVER)
-    return Qos(
-        history=QosHistory.KEEP_LAST,
+    forever = interfaces.QosTime(*FOREVER)
+    return interfaces.Qos(
+        history=interfaces.QosHistory.KEEP_LAST,
         depth=profile.depth,
-        reliability=QosReliability[profile.reliability.name],
-        durability=QosDurability[profile.durability.name],
+        reliability=interfaces.QosReliability[profile.reliability.name],
+        durability=interfaces.QosDurability[profile.durability.name],
         deadline=forever,
         lifespan=forever,
-        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness=interfaces.QosLiveliness.AUTOMATIC,
         liveliness_lease_duration=forever,
         avoid_ros_namespace_conventions=False,
     )

@@ -36,7 +36,7 @@ def statuses(report: Report) -> tuple[Status, ...]:
     """Return the status of the fleet, of each robot, and of each input worth one."""
     return (
         _fleet_status(report),
-        *(_robot_status(report, row) for row in range(len(report.robots))),
+        *(_robot_status(report, row) for row in range(len(report.settings.fleet.robots))),
         *input_statuses(report),
     )
 
@@ -61,7 +61,7 @@ def _fleet_status(report: Report) -> Status:
 
 def _fleet_warnings(report: Report) -> Iterator[str]:
     """Yield what an operator must know beside the state of the fleet."""
-    rate_hz, wanted_hz = report.rate_hz, report.wanted_rate_hz
+    rate_hz, wanted_hz = report.rate_hz, report.settings.rate_hz
     if rate_hz is not None and rate_hz < TOLERATED_RATE * wanted_hz:
         yield f'localizes at {rate_hz:.2g} Hz, not at the {wanted_hz:g} Hz of `rate`'
     for offender in report.estimate.offenders[:LISTED] if report.estimate else ():
@@ -89,7 +89,7 @@ def _fleet_state(report: Report) -> tuple[Level, str]:
     if not estimate.placements:
         return Level.WARN, estimate.reason
     problems = [
-        *_too_wide(estimate, range(len(estimate.robots)), report.localized_width_m),
+        *_too_wide(report, estimate, range(len(estimate.robots))),
         *_not_bounded(estimate),
         *_not_settled(estimate),
         *_of_frame(estimate),
@@ -99,7 +99,7 @@ def _fleet_state(report: Report) -> tuple[Level, str]:
     )
 
 
-def _too_wide(estimate: Estimate, rows: Iterable[int], localized_width_m: float) -> Iterator[str]:
+def _too_wide(report: Report, estimate: Estimate, rows: Iterable[int]) -> Iterator[str]:
     """Yield that one hypothesis is left, but leaves much room to some robots."""
     if estimate.n_hypotheses != 1:
         return
@@ -107,7 +107,7 @@ def _too_wide(estimate: Estimate, rows: Iterable[int], localized_width_m: float)
     # A robot that is not connected has a warning of its own.
     widths = [float(np.ptp(box, axis=0).max()) for box in enclosures if np.isfinite(box).all()]
     width_m = max(widths, default=0.0)
-    if width_m > localized_width_m:
+    if width_m > report.settings.localized_width_m:
         yield f'one hypothesis, {width_m:.1f} m wide'
 
 
@@ -167,25 +167,23 @@ def _estimate_values(estimate: Estimate) -> dict[str, str]:
         if np.isfinite(placement.enclosure_m).all():
             width = f'{np.ptp(placement.enclosure_m, axis=1).max():.2f} m wide'
         values[f'hypothesis_{placement.number}'] = f'{proof}, {width}'
-    for name, texts in (
-        ('rigid_groups', [', '.join(group) for group in estimate.rigid_groups]),
-        ('ruled_out', estimate.ruled_out),
-        ('would_fix', estimate.would_fix),
-    ):
-        if texts:
-            values[name] = shortened('; '.join(texts))
+    suspects = {
+        'suspects': estimate.suspects,
+        'suspects_in_window': estimate.suspects_in_window,
+    }
+    texts = {
+        'rigid_groups': '; '.join(', '.join(group) for group in estimate.rigid_groups),
+        'ruled_out': '; '.join(estimate.ruled_out),
+        'would_fix': '; '.join(estimate.would_fix),
+        **{name: listed([*map(str, found)], LISTED) for name, found in suspects.items()},
+    }
+    values |= {name: shortened(text) for name, text in texts.items() if text}
     if estimate.statistics is not None:
         values['boxes'] = str(estimate.statistics.processed)
         values['solve_s'] = f'{estimate.statistics.seconds:.4f}'
     links = {link.key: link for link in estimate.links}
     for number, conflict in enumerate(estimate.conflicts):
         values[f'conflict_{number}'] = ', '.join(str(links.get(key, key)) for key in conflict)
-    for name, suspects in (
-        ('suspects', estimate.suspects),
-        ('suspects_in_window', estimate.suspects_in_window),
-    ):
-        if suspects:
-            values[name] = listed([str(suspect) for suspect in suspects], LISTED)
     for number, offender in enumerate(estimate.offenders[:LISTED]):
         values[f'offender_{number}'] = str(offender)
     for number, group in enumerate(estimate.groups[:LISTED]):
@@ -195,11 +193,9 @@ def _estimate_values(estimate: Estimate) -> dict[str, str]:
 
 
 def _robot_status(report: Report, row: int) -> Status:
-    robot, estimate = report.robots[row], report.estimate
+    robot, estimate = report.settings.fleet.robots[row], report.estimate
     level, message = _robot_state(report, row)
-    values = {}
-    if level is not Level.OK:
-        values['problem'] = message
+    values = {} if level is Level.OK else {'problem': message}
     if estimate is not None and not report.trouble:
         group = _group_of(estimate, robot)
         values.update(_robot_values((group or estimate).placements, row))
@@ -233,7 +229,7 @@ def _robot_values(placements: Sequence[Placement], row: int) -> dict[str, str]:
 
 
 def _robot_state(report: Report, row: int) -> tuple[Level, str]:
-    estimate, robot = report.estimate, report.robots[row]
+    estimate, robot = report.estimate, report.settings.fleet.robots[row]
     if report.trouble or report.late:
         return Level.WARN, report.trouble or report.late
     group = None if estimate is None else _group_of(estimate, robot)
@@ -257,7 +253,7 @@ def _robot_state(report: Report, row: int) -> tuple[Level, str]:
             return Level.WARN, 'in doubt: it contradicts what was measured before'
         return Level.WARN, 'not bounded: too few measurements'
     problems = [
-        *_too_wide(estimate, [row], report.localized_width_m),
+        *_too_wide(report, estimate, [row]),
         *_not_settled(estimate),
     ]
     return (Level.WARN, '; '.join(problems)) if problems else (Level.OK, 'localized')

@@ -31,10 +31,8 @@ def parse_ids(texts: Iterable[str]) -> dict[str, str]:
     for text in texts:
         line = LINE.fullmatch(text.strip())
         if line is None:
-            raise ValueError(
-                f"'{text}' is not allowed: it must read 'ID NAME', with double quotes around an "
-                'ID that has blanks'
-            )
+            wanted = "it must read 'ID NAME', or '\"ID WITH BLANKS\" NAME'"
+            raise ValueError(f"'{text}' is not allowed: {wanted}")
         quoted, plain, name = line.groups()
         if (quoted or plain) in table:
             raise ValueError(f"'{text}' is not allowed: id '{quoted or plain}' is named twice")
@@ -62,23 +60,15 @@ class Identities:
     def observer(self, link: Link, observer_id: str) -> str:
         """Return who measured; raise ValueError where link and message do not agree or say who."""
         named = link.key.observer
-        if not observer_id:
-            if named == ANY_OBSERVER:
-                raise ValueError(
-                    f'the message does not say who measured: name the observer in the link of '
-                    f"{link.topic} instead of '{ANY_OBSERVER}'"
-                )
-            return named
-        name = self._names.get(observer_id)
-        if name is None:
-            raise ValueError(f"observer id '{observer_id}' is not in the parameter `ids`")
+        name = self._names.get(observer_id, IGNORED) if observer_id else named
+        if name == ANY_OBSERVER:
+            raise ValueError(
+                f'nobody measured: name the observer in the link of {link.topic} instead'
+            )
         if name == IGNORED:
             raise ValueError(f"observer id '{observer_id}' is nobody's in the parameter `ids`")
         if named not in (ANY_OBSERVER, name):
-            raise ValueError(
-                f"observer id '{observer_id}' is that of {name}, the link of {link.topic} is "
-                f'that of {named}'
-            )
+            raise ValueError(f"observer id '{observer_id}' is that of {name}, not of {named}")
         return name
 
     def targets(self, reading: IdentifiedReading) -> Iterator[tuple[int, str]]:

@@ -5,7 +5,6 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from importlib import import_module
 import re
 import time
 from typing import Any, NamedTuple
@@ -31,6 +30,7 @@ from dg_localization.ros.interface.poses import (
 )
 from msg_adapters import Diagnostics
 from msg_adapters.diagnostics import diagnostics_to_cdr
+from msg_adapters.headers import message_class
 from msg_adapters.markers import marker_scene_to_cdr
 from msg_adapters.poses import pose_array_to_cdr, uncertain_pose_to_cdr
 
@@ -64,13 +64,12 @@ TRANSFORM_TOPIC = '/tf'
 def transform_output() -> Output:
     """Return the topic of transforms; raise `WrongParameterError` without its package."""
     try:
-        message_class: type = import_module('tf2_msgs.msg').TFMessage
-    except ImportError as error:
+        tf_message: type = message_class('tf2_msgs/msg/TFMessage')
+    except ImportError:
         raise WrongParameterError(
-            "parameter 'publish_tf': true needs the ROS package tf2_msgs, which cannot be "
-            f'imported ({error}); install it (apt install ros-jazzy-tf2-msgs) or leave it at false'
+            "parameter 'publish_tf': true needs tf2_msgs: apt install ros-$ROS_DISTRO-tf2-msgs"
         ) from None
-    return Output(TRANSFORM_TOPIC, message_class, DYNAMIC)
+    return Output(TRANSFORM_TOPIC, tf_message, DYNAMIC)
 
 
 def estimate_outputs(robots: tuple[str, ...]) -> tuple[Output, ...]:
@@ -161,15 +160,11 @@ class DiagnosticsPublisher:
         self._publisher = _publisher(node, DIAGNOSTICS)
         self._last_seen: Any = None
 
-    def publish(self, diagnostics: Diagnostics) -> None:
-        """Publish."""
-        self._last_seen = outline(diagnostics)
-        self._publisher.publish(diagnostics_to_cdr(diagnostics))
-
-    def publish_change(self, diagnostics: Diagnostics) -> None:
-        """Publish if a level or a message differs from what was published last."""
-        if outline(diagnostics) != self._last_seen:
-            self.publish(diagnostics)
+    def publish(self, diagnostics: Diagnostics, changes_only: bool = False) -> None:
+        """Publish; or only if a level or a message differs from what was published last."""
+        before, self._last_seen = self._last_seen, outline(diagnostics)
+        if not changes_only or before != self._last_seen:
+            self._publisher.publish(diagnostics_to_cdr(diagnostics))
 
 
 def outline(diagnostics: Diagnostics) -> tuple[tuple[str, int, str], ...]:

@@ -11,6 +11,7 @@ from operator import attrgetter
 
 from dg_localization.fleet import Estimate, InputState, LinkKey, LinkKind
 from dg_localization.ros.interface.links import ANY_OBSERVER, Link
+from dg_localization.ros.interface.parameters.settings import Settings
 from msg_adapters import Level, Status
 
 # What a sensor or a stranger sends may be quoted, and diagnostics are recorded for days.
@@ -49,20 +50,11 @@ class Report:
     ----------
     node : str
         Full name of the node; all statuses begin with it.
-    trouble : str
-        Why there can be no estimate, such as that the node is inactive; empty when there can.
-    failure : str
-        What went wrong inside when the last estimate failed; empty when none did.
-    warnings : tuple of str
-        What an operator must know whatever the estimate is.
+    settings : Settings
     now_s : float
         The time of the diagnostics.
-    lifetime_s : float
-        How old an estimate may become before it is late.
     estimate : Estimate or None
         The newest one.
-    robots : tuple of str
-        The fleet.
     links : tuple of Link
         The inputs the node listens to.
     inputs : mapping of LinkKey to InputState
@@ -71,44 +63,44 @@ class Report:
         By topic, the messages that could not be read.
     wrong_types : mapping of Link to tuple of str
         Inputs whose topic has endpoints of other types, with these types.
+    trouble : str
+        Why there can be no estimate, such as that the node is inactive; empty when there can.
+    failure : str
+        What went wrong inside when the last estimate failed; empty when none did.
+    warnings : tuple of str
+        What an operator must know whatever the estimate is.
     rejecting : mapping of LinkKey to str
         Inputs that have rejected most of their readings lately, with a sentence on why.
-    wanted_rate_hz : float
-        How often the fleet is to be localized.
     rate_hz : float or None
-        How often it has been localized lately; None while that is not known.
-    localized_width_m : float
-        A fleet with a wider enclosure is not called localized.
+        How often the fleet has been localized lately; None while that is not known.
     seconds : mapping of str to float
         What the parts of the last answer took.
 
     """
 
     node: str
-    trouble: str
-    failure: str
-    warnings: tuple[str, ...]
+    settings: Settings
     now_s: float
-    lifetime_s: float
     estimate: Estimate | None
-    robots: tuple[str, ...]
     links: tuple[Link, ...]
     inputs: Mapping[LinkKey, InputState]
     malformed: Mapping[str, Malformed]
     wrong_types: Mapping[Link, tuple[str, ...]]
+    trouble: str = ''
+    failure: str = ''
+    warnings: tuple[str, ...] = ()
     rejecting: Mapping[LinkKey, str] = field(default_factory=dict)
-    wanted_rate_hz: float = 0.0
     rate_hz: float | None = None
-    localized_width_m: float = math.inf
     seconds: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def late(self) -> str:
         """Why the estimate is too old to be relied on; empty when it is not."""
-        if self.estimate is None or self.now_s - self.estimate.stamp_s <= self.lifetime_s:
+        age_s = 0.0 if self.estimate is None else self.now_s - self.estimate.stamp_s
+        most_s = self.settings.lifetime_s
+        if age_s <= most_s:
             return ''
-        age_s = self.now_s - self.estimate.stamp_s
-        return f'late: the last answer is {age_s:.1f} s old, more than {self.lifetime_s:.1f} s'
+        return f'late: the last answer is {age_s:.1f} s old, more than {most_s:.1f} s'
 
 
 def robots_of(key: LinkKey) -> set[str]:

@@ -5,7 +5,7 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from functools import wraps
+from functools import partial, wraps
 from importlib import import_module
 from importlib.util import find_spec
 import re
@@ -57,76 +57,36 @@ def transition(
     return callback
 
 
-def refuse_impossible_transitions(node: LifecycleNode) -> None:
+def changed_state(callback: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
     """
-    Answer requests of transitions that the present state does not have: they are refused.
+    Answer a request of a transition; one that the present state does not have is refused.
 
     rclpy raises, and whoever asks, such as a lifecycle manager, waits for an answer for ever.
     """
-
-    def refusing(callback: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-        @wraps(callback)
-        def change_state(request: Any, response: Any) -> Any:
-            try:
-                return callback(request, response)
-            # rclpy has no public class for this; rcl has logged the transition and the state.
-            except RuntimeError:
-                response.success = False
-                return response
-
-        return change_state
-
-    for service in node.services:
-        if service.srv_type is ChangeState:
-            service.callback = refusing(service.callback)
-
-
-def make_bond(node: Node) -> Callable[[], None] | None:
-    """Form a bond with the manager of a node and return what breaks it; None without bondpy."""
-    if find_spec('bondpy') is None:
-        return None
-    bond = import_module('bondpy.bondpy').Bond(BOND_TOPIC, node.get_name(), node)
-    bond.start()
-
-    def end() -> None:
-        bond.break_bond()
-        bond.shutdown()
-
-    return end
+    try:
+        return callback(request, response)
+    # rclpy has no public class for this; rcl has logged the transition and the state.
+    except RuntimeError:
+        response.success = False
+        return response
 
 
 class ManagedNode(LifecycleNode):
     """
     A node with the states of REP-2003, which takes apart what its transitions made.
 
-    A class derived from it makes things in `_configure` and `_activate`, and puts what takes them
-    apart into `_made_to_configure` and `_made_to_activate`. `_state` is the name of the state.
+    A class derived from it makes things in `on_configure` and `on_activate`, and puts what takes
+    them apart into `_made_to_configure` and `_made_to_activate`. `_state` names the state.
     """
 
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
-        refuse_impossible_transitions(self)
+        for service in self.services:
+            if service.srv_type is ChangeState:
+                service.callback = partial(changed_state, service.callback)
         self._state = 'unconfigured'
         self._made_to_configure = ExitStack()
         self._made_to_activate = ExitStack()
-
-    def _configure(self) -> None:
-        raise NotImplementedError
-
-    def _activate(self) -> None:
-        raise NotImplementedError
-
-    @transition
-    def on_configure(self) -> None:
-        """Make what is there while the node is inactive, too."""
-        self._configure()
-        self._state = 'inactive'
-
-    @transition
-    def on_activate(self) -> None:
-        """Make what is there while the node is active."""
-        self._activate()
-        self._state = 'active'
 
     @transition
     def on_deactivate(self) -> None:
@@ -169,14 +129,13 @@ class ManagedNode(LifecycleNode):
         return wake_up
 
     def _bond_with_manager(self) -> None:
-        end_bond = make_bond(self)
-        if end_bond is None:
-            self.get_logger().info(
-                'no bond with a lifecycle manager without the package bondpy: a manager of Nav2 '
-                'needs bond_timeout: 0.0'
-            )
-        else:
-            self._made_to_activate.callback(end_bond)
+        if find_spec('bondpy') is None:
+            self.get_logger().info('no bond without bondpy: Nav2 needs bond_timeout: 0.0')
+            return
+        bond = import_module('bondpy.bondpy').Bond(BOND_TOPIC, self.get_name(), self)
+        bond.start()
+        self._made_to_activate.callback(bond.shutdown)
+        self._made_to_activate.callback(bond.break_bond)
 
     def _clock_s(self) -> float:
         """Return the time of the node's clock in s."""

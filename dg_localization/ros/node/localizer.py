@@ -43,10 +43,10 @@ from dg_localization.ros.interface.outputs import (
     transform_output,
 )
 from dg_localization.ros.interface.parameters.settings import Settings, declare_settings
-from dg_localization.ros.interface.transforms import Tracks, transforms
+from dg_localization.ros.interface.poses import Tracks, transforms
 from dg_localization.ros.node.clock import NodeTime, Pace, RateMeter
 from dg_localization.ros.node.inputs import Inputs
-from dg_localization.ros.node.lifecycle import FleetLog, LiveParameters, ManagedNode
+from dg_localization.ros.node.lifecycle import FleetLog, LiveParameters, ManagedNode, transition
 from dg_localization.ros.node.worker import (
     EstimateWorker,
     exit_code_despite_worker,
@@ -121,7 +121,8 @@ class LocalizerNode(ManagedNode):
             if self.trigger_configure() == TransitionCallbackReturn.SUCCESS:
                 self.trigger_activate()
 
-    def _configure(self) -> None:
+    @transition
+    def on_configure(self) -> None:
         """Make the outputs, the reset service and the worker; receive nothing yet."""
         made = self._made_to_configure
         settings = self._live.at_configure()
@@ -141,8 +142,10 @@ class LocalizerNode(ManagedNode):
             self.get_logger().warning(warning)
         service = self.create_service(Trigger, RESET, self._on_reset)
         made.callback(self.destroy_service, service)
+        self._state = 'inactive'
 
-    def _activate(self) -> None:
+    @transition
+    def on_activate(self) -> None:
         """Receive, and localize at the given rate."""
         made = self._made_to_activate
         made.callback(self._forget, 'deactivated')
@@ -157,6 +160,7 @@ class LocalizerNode(ManagedNode):
         search = self._inputs.search
         searcher = self.create_timer(DISCOVERY_PERIOD_S, search, clock=STEADY)
         made.callback(self.destroy_timer, searcher)
+        self._state = 'active'
 
     def _start_ticker(self) -> None:
         period_s = 1.0 / self.settings.rate_hz
@@ -281,7 +285,7 @@ class LocalizerNode(ManagedNode):
         # tf2 warns of transforms that repeat a time, and does not take them.
         if self.settings.publish_tf and answer.estimate.stamp_s != self._transforms_s:
             self._publish_transforms(answer.estimate, answer.odometry)
-        self._diagnostics.publish_change(self._diagnose())
+        self._diagnostics.publish(self._diagnose(), changes_only=True)
 
     def _publish_transforms(self, estimate: Estimate, odometry: Tracks) -> None:
         """Publish where the robots are, if that is known; silence says that it is not."""
@@ -326,16 +330,13 @@ class LocalizerNode(ManagedNode):
         now_s = self._clock_s()
         report = Report(
             node=self.get_fully_qualified_name().lstrip('/'),
+            settings=self.settings,
+            now_s=now_s,
+            estimate=self._estimate,
             trouble=self._trouble(now_s),
             failure=self._failure,
-            wanted_rate_hz=self.settings.rate_hz,
-            rate_hz=self._rate.rate_hz(now_s),
-            localized_width_m=self.settings.localized_width_m,
             warnings=(*solver_warnings(), *self._warnings()),
-            now_s=now_s,
-            lifetime_s=self.settings.lifetime_s,
-            estimate=self._estimate,
-            robots=self.settings.fleet.robots,
+            rate_hz=self._rate.rate_hz(now_s),
             links=self._inputs.links if self._inputs else (),
             inputs=self._intake.states(now_s),
             malformed=self._intake.malformed,

@@ -21,10 +21,10 @@ from typing import Any
 
 from geometry_msgs.msg import PoseArray
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 
+from dg_localization.fleet.rotations import quaternion_of_yaw
 from dg_localization.ros.interface.outputs import LATCHED
 from dg_localization.ros.interface.parameters.spec import (
     Spec,
@@ -92,13 +92,8 @@ class SimulatedFleet:
         self._sensors = simulation.FleetSensors(
             values['error'], values['bearing_error'], seed, landmarks_m
         )
-        errors = OdometryErrors(
-            translation_per_m=values['translation_per_m'],
-            translation_per_rad=values['translation_per_rad'],
-            rotation_per_m=values['rotation_per_m'],
-            rotation_per_rad=values['rotation_per_rad'],
-            latency_s=values['odometry_latency'],
-        )
+        slopes = {name: values[name] for name in PARAMETERS if '_per_' in name}
+        errors = OdometryErrors(latency_s=values['odometry_latency'], **slopes)
         self._odometry = FleetOdometry(self.motion, errors, seed)
 
     def measurements(self, time_s: float, stamp_s: float) -> Iterator[tuple[str, Any]]:
@@ -112,13 +107,8 @@ class SimulatedFleet:
             yield from self._peers(ranges_m, rays, stamp_s)
             return
         for near in ranges:
-            reading = RangeReading(
-                stamp_s,
-                near.range_m,
-                min_range_m=MIN_RANGE_M,
-                max_range_m=simulation.REACH_M,
-                frame_id=near.observer,
-            )
+            limits_m = MIN_RANGE_M, simulation.REACH_M
+            reading = RangeReading(stamp_s, near.range_m, *limits_m, frame_id=near.observer)
             yield f'{near.observer}/range/{near.target}', range_to_message(reading)
         for seen in bearings:
             ray = BearingReading(stamp_s, np.array(seen.ray), seen.observer)
@@ -150,7 +140,7 @@ class SimulatedFleet:
             reading = OdometryReading(
                 stamp_s,
                 np.array([*sample.position_m, 0.0]),
-                _quaternions([sample.yaw_rad])[0],
+                quaternion_of_yaw(sample.yaw_rad),
                 frame_id=f'{sample.robot}/odom',
                 child_frame_id=f'{sample.robot}/{BODY_FRAME}',
             )
@@ -160,17 +150,9 @@ class SimulatedFleet:
         """Return the true poses in the order of the robots."""
         state = self.motion.state(time_s)
         positions_m = np.column_stack([state.positions_m, np.zeros(len(simulation.ROBOTS))])
-        message: PoseArray = pose_array_to_message(
-            PoseList(stamp_s, 'world', positions_m, _quaternions(state.yaws_rad))
-        )
+        turns = np.array([quaternion_of_yaw(yaw_rad) for yaw_rad in state.yaws_rad])
+        message: PoseArray = pose_array_to_message(PoseList(stamp_s, 'world', positions_m, turns))
         return message
-
-
-def _quaternions(yaws_rad: ArrayLike) -> NDArray[np.float64]:
-    """Return turns about z as quaternions, scalar last."""
-    half_rad = np.asarray(yaws_rad) / 2.0
-    zeros = np.zeros_like(half_rad)
-    return np.column_stack([zeros, zeros, np.sin(half_rad), np.cos(half_rad)])
 
 
 def usage() -> str:
@@ -212,10 +194,8 @@ class FleetSimulator(Node):
         if values['odometry']:
             period_s = 1.0 / values['odometry_rate']
             self.create_timer(period_s, self.publish_odometry, clock=clock)
-        self.get_logger().info(
-            f'{len(simulation.ROBOTS)} robots, {len(self._measurement_publishers)} measurement '
-            f'topics at {values["rate"]:g} Hz'
-        )
+        n_topics = len(self._measurement_publishers)
+        self.get_logger().info(f'{n_topics} measurement topics at {values["rate"]:g} Hz')
 
     def _now_s(self) -> float:
         return self.get_clock().now().nanoseconds * 1e-9

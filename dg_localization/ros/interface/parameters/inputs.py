@@ -10,13 +10,7 @@ from typing import Any
 
 from dg_localization.fleet import FleetConfig, LinkKind
 from dg_localization.ros.interface.identities import IGNORED, parse_ids
-from dg_localization.ros.interface.links import (
-    KINDS,
-    STAMP_OFFSET,
-    Link,
-    Template,
-    parse_link,
-)
+from dg_localization.ros.interface.links import KINDS, STAMP_OFFSET, Link, Template, parse_link
 from dg_localization.ros.interface.parameters.spec import WrongParameterError, refused
 
 TEMPLATE_TYPES = {
@@ -44,10 +38,7 @@ def templates_from(
             template = replace(template.resolved(resolve), overrides=offset)
             template.check_names(points)
             if template.shape in names:
-                raise ValueError(
-                    f"its topics are those of '{names[template.shape]}', and each kind of "
-                    'measurement needs topics of its own'
-                )
+                raise ValueError(f"its topics are those of '{names[template.shape]}'")
         if template.text:
             names[template.shape] = name
             templates.append(template)
@@ -65,8 +56,7 @@ def links_from(values: Mapping[str, Any], resolve: Callable[[str], str]) -> tupl
             if resolve(topic) != topic:
                 # A subscription to it would be remapped once more.
                 raise ValueError(
-                    f"its topic is remapped to '{topic}', and that to '{resolve(topic)}'; name "
-                    'the right topics in the links instead'
+                    f"its topic is remapped to '{topic}', and that to '{resolve(topic)}'"
                 )
         overrides = {**_stamp_offset(values, link.key.kind), **link.overrides}
         links.append(replace(link, topic=topic, overrides=overrides))
@@ -78,10 +68,8 @@ def links_from(values: Mapping[str, Any], resolve: Callable[[str], str]) -> tupl
     for key, count in Counter(link.key for link in links).items():
         if key.kind is LinkKind.ODOMETRY and count > 1:
             # Steps from a pose of one to a pose of the other are no steps of the robot.
-            raise WrongParameterError(
-                f"parameter 'links': the odometry of '{key.observer}' is named {count} times, a "
-                'robot can have one only'
-            )
+            text = f"the odometry of '{key.observer}' is named {count} times, not once"
+            raise WrongParameterError(f"parameter 'links': {text}")
     return tuple(links)
 
 
@@ -91,10 +79,8 @@ def ids_from(values: Mapping[str, Any], points: Sequence[str]) -> dict[str, str]
         ids = parse_ids(filter(None, values['ids']))
         for name in ids.values():
             if name not in (*points, IGNORED):
-                raise ValueError(
-                    f"'{name}' is not allowed, it must be one of {', '.join(points)}, or "
-                    f"'{IGNORED}' for an id that stands for nobody"
-                )
+                allowed = f"one of {', '.join(points)}, or '{IGNORED}' for nobody"
+                raise ValueError(f"'{name}' is not allowed, it must be {allowed}")
     return ids
 
 
@@ -107,5 +93,5 @@ def check_links(links: Iterable[Link], fleet: FleetConfig) -> None:
         if robot == other:
             raise WrongParameterError(
                 f"parameter 'links': {'->'.join(link.key.ends)} is not allowed, both are on robot "
-                f"'{robot}': a link must join points of two robots or anchors"
+                f"'{robot}'"
             )

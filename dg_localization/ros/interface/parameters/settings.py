@@ -3,8 +3,7 @@
 
 """The settings that the parameters stand for: checked one by one, then together."""
 
-from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 import math
@@ -22,7 +21,7 @@ from dg_localization.fleet import (
     RangeErrorModel,
 )
 from dg_localization.fleet.rotations import quaternion_of_euler
-from dg_localization.ros.interface.links import Link, Template
+from dg_localization.ros.interface.links import ANY_NAME, Link, Template
 from dg_localization.ros.interface.parameters.inputs import (
     check_links,
     ids_from,
@@ -38,7 +37,7 @@ from dg_localization.ros.interface.parameters.spec import (
     refused,
 )
 from dg_localization.ros.interface.parameters.table import (
-    NAMED,
+    POINTS,
     TABLE,
     fields_of,
     named_specs,
@@ -50,7 +49,6 @@ from dg_localization.solver.options import SolverOptions
 # An answer counts as new for so many periods, and at least for so long.
 LIFETIME_PERIODS = 3.0
 LEAST_LIFETIME_S = 1.0
-NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*\Z')
 
 
 @dataclass(frozen=True)
@@ -147,13 +145,10 @@ def _checked_table(given: Mapping[str, Any]) -> dict[str, Any]:
 
 def _suggestion(name: str, known: Collection[str]) -> str:
     """Return which name may be meant, or where to name a point that has parameters of its own."""
-    beginning = name.partition('.')[0] + '.'
-    of_point = '.'.join(name.split('.')[:2])
-    for one in NAMED:
-        is_own = any(spec.startswith(beginning) for spec in one.specs)
-        if is_own and not any(other.startswith(f'{of_point}.') for other in known):
-            return f"; name its point in '{one.names}'{close_name(name, known)}"
-    return close_name(name, known)
+    of_point = '.'.join([*name.split('.')[:2], ''])
+    points = POINTS.get(name.partition('.')[0])
+    is_new = points and not any(other.startswith(of_point) for other in known)
+    return (f"; name its point in '{points}'" if is_new else '') + close_name(name, known)
 
 
 def in_root_namespace(topic: str) -> str:
@@ -192,31 +187,20 @@ def settings_from(
 
 
 def _check_names(values: Mapping[str, Any]) -> None:
-    """Refuse names that cannot be part of topics, or that are there twice."""
+    """Refuse names that cannot be part of topics."""
     if not values['robots']:
         raise WrongParameterError(
-            'parameters: robots: [] is not allowed, it must name at least one robot; does the '
-            "file name some below '/**:' and 'ros__parameters:'?"
+            "parameters: robots: [] is not allowed, it must name at least one, below '/**:' and "
+            "'ros__parameters:' of the file"
         )
-    for full_name in values['mounts.names']:
-        if full_name.count('/') != 1:
-            raise WrongParameterError(
-                f"parameter 'mounts.names': '{full_name}' is not allowed, it must read "
-                "'ROBOT/SENSOR'"
-            )
     for parameter in ('robots', 'anchors.names', 'mounts.names'):
-        for name in '/'.join(values[parameter]).split('/') if values[parameter] else ():
-            if not NAME.match(name):
+        is_sensor = parameter == 'mounts.names'
+        for name in values[parameter]:
+            if not re.fullmatch(f'{ANY_NAME}/{ANY_NAME}' if is_sensor else ANY_NAME, name):
+                wanted = "it must read 'ROBOT/SENSOR', and " if is_sensor else ''
                 raise WrongParameterError(
-                    f"parameter '{parameter}': '{name}' is not allowed, a name must begin with a "
-                    'letter and go on with letters, digits and underscores: it is part of topic '
-                    'names'
-                )
-    for parameter in ('anchors.names', 'mounts.names', 'elevations.names'):
-        for name, count in Counter(values[parameter]).items():
-            if count > 1:
-                raise WrongParameterError(
-                    f"parameter '{parameter}': '{name}' is not allowed twice, name it once"
+                    f"parameter '{parameter}': '{name}' is not allowed, {wanted}a name must begin "
+                    'with a letter and go on with letters, digits and underscores'
                 )
 
 
@@ -227,8 +211,7 @@ def _import_adapters(modules: Iterable[str]) -> None:
         except Exception as error:  # a module of somebody else may raise anything
             raise WrongParameterError(
                 f"parameter 'adapter_modules': '{name}' cannot be imported "
-                f'({type(error).__name__}: {error}); it must be a Python module that is installed '
-                'or in a folder of PYTHONPATH'
+                f'({type(error).__name__}: {error}) from PYTHONPATH'
             ) from error
 
 
@@ -245,7 +228,14 @@ def _own(values: Mapping[str, Any], name: str, of_all: str) -> float:
 
 
 def _fleet_config(values: Mapping[str, Any]) -> FleetConfig:
-    anchors = {name: _anchor(name, values) for name in values['anchors.names']}
+    anchors = {
+        name: Anchor(
+            tuple(values[f'anchors.{name}.position']),
+            _own(values, f'anchors.{name}.bound', 'anchors.bound'),
+        )
+        for name in values['anchors.names']
+    }
+    odometry_error = OdometryErrorModel(**_stated(OdometryErrorModel, values, 'odometry.'))
     stated = {
         **_stated(FleetConfig, values),
         'robots': tuple(values['robots']),
@@ -261,21 +251,13 @@ def _fleet_config(values: Mapping[str, Any]) -> FleetConfig:
             for name in values['robots']
             if values[f'robot_max_speed.{name}'] >= 0.0
         },
-        'odometry_error': OdometryErrorModel(**_stated(OdometryErrorModel, values, 'odometry.')),
-        'robot_odometry_error': _robot_odometry_errors(values),
+        'odometry_error': odometry_error,
+        'robot_odometry_error': {
+            robot: error for robot, error in _odometry_errors(values) if error != odometry_error
+        },
         'solver': SolverOptions(**_stated(SolverOptions, values, 'solver.')),
     }
     return FleetConfig(**stated)
-
-
-def _anchor(name: str, values: Mapping[str, Any]) -> Anchor:
-    position, dimension = values[f'anchors.{name}.position'], values['dimension']
-    if len(position) != dimension:
-        raise WrongParameterError(
-            f"parameter 'anchors.{name}.position': {position!r} is not allowed, it must have "
-            f'{dimension} coordinates (dimension)'
-        )
-    return Anchor(tuple(position), _own(values, f'anchors.{name}.bound', 'anchors.bound'))
 
 
 def _mounts(values: Mapping[str, Any]) -> dict[str, dict[str, Mount]]:
@@ -288,10 +270,8 @@ def _mounts(values: Mapping[str, Any]) -> dict[str, dict[str, Mount]]:
             values[f'{prefix}.{field}'] for field in ('position', 'bound', 'rotation')
         )
         if len(rotation_rad) != 3:
-            raise WrongParameterError(
-                f"parameter '{prefix}.rotation': {rotation_rad!r} is not allowed, it must be "
-                'roll, pitch and yaw (rad)'
-            )
+            text = f'{rotation_rad!r} is not allowed, it must be roll, pitch and yaw (rad)'
+            raise WrongParameterError(f"parameter '{prefix}.rotation': {text}")
         rotation_xyzw = quaternion_of_euler(*rotation_rad)
         mounts.setdefault(robot, {})[name] = Mount(tuple(position_m), bound_m, rotation_xyzw)
     return mounts
@@ -302,8 +282,7 @@ def _elevations_m(values: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
     if values['elevation.topic'] and not values['elevations.names']:
         raise WrongParameterError(
             f"parameter 'elevation.topic': '{values['elevation.topic']}' is not allowed without "
-            "'elevations.names': readings narrow the least and the greatest elevation of a point "
-            '(dimension: 2)'
+            "'elevations.names' (dimension: 2)"
         )
     return {
         name: tuple(values[f'elevations.{name.replace("/", ".")}'])
@@ -311,23 +290,17 @@ def _elevations_m(values: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
     }
 
 
-def _robot_odometry_errors(values: Mapping[str, Any]) -> dict[str, OdometryErrorModel]:
-    """Return the bounds of the robots that have some of their own."""
-    names = fields_of(OdometryErrorModel, 'odometry.')
-    errors = {}
+def _odometry_errors(values: Mapping[str, Any]) -> Iterator[tuple[str, OdometryErrorModel]]:
+    """Yield the bounds of each robot, of its own or of all."""
     for robot in values['robots']:
-        own = {name: values[f'robot_odometry.{robot}.{name}'] for name in names}
-        if not all(value < 0.0 for value in own.values()):
-            numbers = {
-                f'odometry.{name}': values[f'odometry.{name}'] if value < 0.0 else value
-                for name, value in own.items()
-            }
-            errors[robot] = OdometryErrorModel(**_stated(OdometryErrorModel, numbers, 'odometry.'))
-    return errors
+        own = {
+            f'odometry.{name}': _own(values, f'robot_odometry.{robot}.{name}', f'odometry.{name}')
+            for name in fields_of(OdometryErrorModel, 'odometry.')
+        }
+        yield robot, OdometryErrorModel(**_stated(OdometryErrorModel, own, 'odometry.'))
 
 
-def odometry_error_parameters(error: OdometryErrorModel) -> dict[str, float]:
+def parameters_of(model: Any, prefix: str) -> dict[str, float]:
     """Return the bounds that are stated, by the names of the parameters without their prefix."""
-    fields = fields_of(OdometryErrorModel, 'odometry.')
-    numbers = {name: getattr(error, field) for name, field in fields.items()}
+    numbers = {name: getattr(model, field) for name, field in fields_of(model, prefix).items()}
     return {name: float(x) for name, x in numbers.items() if x not in (None, math.inf)}

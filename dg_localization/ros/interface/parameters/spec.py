@@ -5,7 +5,7 @@
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from difflib import get_close_matches
 import math
 import re
@@ -42,6 +42,7 @@ def by_parameters(text: str) -> str:
     """Return what the fleet says of its settings with the names of their parameters."""
     # Settings have units in their names, and those of one robot or point stand in brackets.
     text = re.sub(r'\[(\w+)\](?=[.:[])', r'.\1', text)
+    text = re.sub(r'\bcoordinates_m\b', 'position', text)
     return re.sub(
         r'\b(min_error|max_error|min_reading|max_reading|position|elevations)_m\b', r'\1', text
     )
@@ -189,12 +190,6 @@ class Spec:
 
 
 Specs = Mapping[str, Spec]
-
-
-def own_of(spec: Spec, name: str, whose: str) -> Spec:
-    """Return what one robot or anchor has in place of the common parameter `name`."""
-    text = f'the same of this {whose}; negative for {name}'
-    return replace(spec, default=-1.0, text=text, may_be_negative=True, examples=())
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,10 @@
 """The parameters of the node `localizer`, in the order of the commented file."""
 
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from dataclasses import replace
+from functools import partial
+import re
+from typing import Any
 
 from dg_localization.fleet import OdometryErrorModel
 from dg_localization.fleet.checks import FARTHEST_M
@@ -26,7 +29,7 @@ from dg_localization.ros.interface.parameters.results import (
     NODE,
     SOLVER,
 )
-from dg_localization.ros.interface.parameters.spec import Section, Spec, Specs, own_of
+from dg_localization.ros.interface.parameters.spec import Section, Spec
 
 MOUNTS = Section(
     'Sensors on robots',
@@ -155,84 +158,39 @@ def fields_of(settings: Any, prefix: str = '') -> dict[str, str]:
     return found
 
 
-class Named(NamedTuple):
-    """
-    Parameters of a section that each of some points has of its own.
-
-    The parameter `names` lists the points; the `placeholder` stands for one of them in the names
-    of `specs`.
-    """
-
-    section: Section
-    names: str
-    placeholder: str
-    specs: Specs
+def own_of(name: str, whose: str) -> Spec:
+    """Return what one robot or anchor has in place of the common parameter `name`."""
+    text = f'the same of this {whose}; negative for {name}'
+    return replace(TABLE[name], default=-1.0, text=text, may_be_negative=True, examples=())
 
 
-NAMED = (
-    Named(
-        MOTION,
-        'robots',
-        'NAME',
-        {'robot_max_speed.NAME': own_of(TABLE['max_speed'], 'max_speed', 'robot')},
+PLACE = partial(Spec, [], unit='m', at_least=-FARTHEST_M, at_most=FARTHEST_M, list_of=float)
+# What robots, sensors, anchors and other points have of their own, by names with placeholders.
+OWN = {
+    'robot_max_speed.NAME': own_of('max_speed', 'robot'),
+    **{
+        f'robot_odometry.NAME.{name}': own_of(f'odometry.{name}', 'robot')
+        for name in fields_of(OdometryErrorModel, 'odometry.')
+    },
+    'mounts.ROBOT.SENSOR.position': PLACE('place of the sensor in the body frame'),
+    'mounts.ROBOT.SENSOR.bound': Spec(0.0, 'how far it may be from there', 'm', 0.0, FARTHEST_M),
+    'mounts.ROBOT.SENSOR.rotation': Spec(
+        [0.0, 0.0, 0.0],
+        'orientation of the sensor in the body frame: roll, pitch, yaw about fixed axes',
+        'rad',
+        list_of=float,
     ),
-    Named(
-        ODOMETRY,
-        'robots',
-        'NAME',
-        {
-            f'robot_odometry.NAME.{name}': own_of(
-                TABLE[f'odometry.{name}'], f'odometry.{name}', 'robot'
-            )
-            for name in fields_of(OdometryErrorModel, 'odometry.')
-        },
-    ),
-    Named(
-        MOUNTS,
-        'mounts.names',
-        'ROBOT.SENSOR',
-        {
-            'mounts.ROBOT.SENSOR.position': Spec(
-                [], 'place of the sensor in the body frame', 'm', -FARTHEST_M, FARTHEST_M, float
-            ),
-            'mounts.ROBOT.SENSOR.bound': Spec(
-                0.0, 'how far it may be from there', 'm', 0.0, FARTHEST_M
-            ),
-            'mounts.ROBOT.SENSOR.rotation': Spec(
-                [0.0, 0.0, 0.0],
-                'orientation of the sensor in the body frame: roll, pitch, yaw about fixed axes',
-                'rad',
-                list_of=float,
-            ),
-        },
-    ),
-    Named(
-        ELEVATIONS,
-        'elevations.names',
-        'NAME',
-        {
-            'elevations.NAME': Spec(
-                [], 'least and greatest elevation', 'm', -FARTHEST_M, FARTHEST_M, float
-            )
-        },
-    ),
-    Named(
-        ANCHORS,
-        'anchors.names',
-        'NAME',
-        {
-            'anchors.NAME.position': Spec(
-                [], 'coordinates in the fixed frame', 'm', -FARTHEST_M, FARTHEST_M, float
-            ),
-            'anchors.NAME.bound': own_of(TABLE['anchors.bound'], 'anchors.bound', 'anchor'),
-        },
-    ),
-)
+    'elevations.NAME': PLACE('least and greatest elevation'),
+    'anchors.NAME.position': PLACE('coordinates in the fixed frame'),
+    'anchors.NAME.bound': own_of('anchors.bound', 'anchor'),
+}
+# The parameter that lists these points, by the first word of the names.
+POINTS = {'robot_max_speed': 'robots', 'robot_odometry': 'robots'}
+POINTS |= {name: f'{name}.names' for name in ('mounts', 'elevations', 'anchors')}
 
 
 def named_specs(values: Mapping[str, Any]) -> Iterator[tuple[str, Spec]]:
     """Yield the parameters that robots, anchors and sensors have of their own, by name."""
-    for _, names, placeholder, specs in NAMED:
-        for point in values[names]:
-            for name, spec in specs.items():
-                yield name.replace(placeholder, point.replace('/', '.')), spec
+    for name, spec in OWN.items():
+        for point in values[POINTS[name.partition('.')[0]]]:
+            yield re.sub('NAME|ROBOT.SENSOR', point.replace('/', '.'), name), spec
