@@ -33,6 +33,15 @@ NAME_RGBA = np.array([1.0, 1.0, 1.0, 1.0])
 # More placements on top of each other show nothing, and cost every viewer time.
 MOST_DRAWN = 32
 
+LOOKS = {
+    'robots': (Shape.SPHERE_LIST, ROBOT_DIAMETER_M),
+    'headings': (Shape.LINE_LIST, 2.0 * LINE_WIDTH_M),
+    'enclosures': (Shape.LINE_LIST, LINE_WIDTH_M),
+    'links': (Shape.LINE_LIST, LINE_WIDTH_M),
+}
+Group = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""Things of as many points each, shape (k, m, 3), and one color, or one of each."""
+
 
 def scene(estimate: Estimate, frame_id: str, lifetime_s: float) -> MarkerScene:
     """
@@ -41,21 +50,28 @@ def scene(estimate: Estimate, frame_id: str, lifetime_s: float) -> MarkerScene:
     Each placement has a color of its own; links are green, gray when stale, red when they
     contradict others. What is not known or not bounded is left out.
     """
-    drawn = []
-    if estimate.placements:
-        drawn = [
-            _robots(estimate),
-            _headings(estimate),
-            _enclosures(estimate),
-            _links(estimate),
-            *_names(estimate),
-        ]
-    shown = tuple(marker for marker in drawn if len(marker.points_m))
+    rows = {name: i for i, name in enumerate((*estimate.robots, *estimate.landmarks))}
+    # A link of a sensor is drawn from its robot.
+    ends = {
+        link: [rows.get(name.partition('/')[0], -1) for name in link.key.ends]
+        for link in estimate.links
+    }
+    drawn = {link: pair for link, pair in ends.items() if min(pair) >= 0}
+    pairs = np.reshape([*drawn.values()], (-1, 2)).astype(int)
+    link_colors = np.reshape([_link_color(link) for link in drawn], (-1, 4))
+    groups: dict[str, list[Group]] = {name: [] for name in LOOKS}
+    for number, placement in enumerate(estimate.placements[:MOST_DRAWN]):
+        color, points_m = _color(number), _points(placement)
+        robots_m, landmarks_m = np.split(points_m, [len(estimate.robots)])
+        tips_m = HEADING_LENGTH_M * rotation_of_quaternion(placement.best_headings[0])[:, :, 0]
+        tips_m[~placement.heading_known] = np.nan
+        groups['robots'] += [(robots_m[:, None], color), (landmarks_m[:, None], LANDMARK_RGBA)]
+        groups['headings'].append((np.stack([robots_m, robots_m + tips_m], axis=1), color))
+        groups['enclosures'].append((in_space(_edges(placement.enclosure_m)), color))
+        groups['links'].append((points_m[pairs], link_colors))
+    markers = [*(_marker(name, groups[name]) for name in LOOKS), *_names(estimate)]
+    shown = tuple(marker for marker in markers if len(marker.points_m))
     return MarkerScene(estimate.stamp_s, frame_id, shown, lifetime_s)
-
-
-def _drawn(estimate: Estimate) -> tuple[Placement, ...]:
-    return estimate.placements[:MOST_DRAWN]
 
 
 def _color(hypothesis: int) -> NDArray[np.float64]:
@@ -67,88 +83,26 @@ def _points(placement: Placement) -> NDArray[np.float64]:
     return in_space(np.concatenate([placement.positions_m, placement.landmarks_m]))
 
 
-def _marker(
-    namespace: str,
-    shape: Shape,
-    groups: list[tuple[NDArray[np.float64], NDArray[np.float64]]],
-    size_m: float,
-) -> Marker:
-    """Join groups of points, with one color for all or for each of a group, to one marker."""
-    points = [np.reshape(points, (-1, 3)) for points, _ in groups]
-    colors = [
-        np.broadcast_to(color, (len(part), 4))
-        for part, (_, color) in zip(points, groups, strict=True)
-    ]
-    return Marker(
-        namespace,
-        0,
-        shape,
-        np.concatenate([np.zeros((0, 3)), *points]),
-        np.concatenate([np.zeros((0, 4)), *colors]),
-        size_m,
-    )
-
-
-def _known(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    return points[np.isfinite(points).all(axis=-1)]
-
-
-def _robots(estimate: Estimate) -> Marker:
-    groups = []
-    for number, placement in enumerate(_drawn(estimate)):
-        groups.append((_known(in_space(placement.positions_m)), _color(number)))
-        groups.append((_known(in_space(placement.landmarks_m)), LANDMARK_RGBA))
-    return _marker('robots', Shape.SPHERE_LIST, groups, ROBOT_DIAMETER_M)
-
-
-def _headings(estimate: Estimate) -> Marker:
-    groups = []
-    for number, placement in enumerate(_drawn(estimate)):
-        starts = in_space(placement.positions_m)
-        rotations = rotation_of_quaternion(placement.best_headings[0])
-        ends = starts + HEADING_LENGTH_M * rotations[:, :, 0]
-        segments = np.stack([starts, ends], axis=1)
-        is_known = placement.heading_known & np.isfinite(segments).all(axis=(1, 2))
-        groups.append((segments[is_known], _color(number)))
-    return _marker('headings', Shape.LINE_LIST, groups, 2.0 * LINE_WIDTH_M)
-
-
-def _enclosures(estimate: Estimate) -> Marker:
-    groups = []
-    for number, placement in enumerate(_drawn(estimate)):
-        is_bounded = np.isfinite(placement.enclosure_m).all(axis=(1, 2))
-        groups.append((in_space(_edges(placement.enclosure_m[is_bounded])), _color(number)))
-    return _marker('enclosures', Shape.LINE_LIST, groups, LINE_WIDTH_M)
+def _marker(namespace: str, groups: list[Group]) -> Marker:
+    """Join what is known of groups of things to one marker."""
+    points_m, colors = [np.zeros((0, 3))], [np.zeros((0, 4))]
+    for things_m, color in groups:
+        is_known = np.isfinite(things_m).all(axis=(1, 2))
+        points_m.append(things_m[is_known].reshape(-1, 3))
+        of_things = np.broadcast_to(color, (len(things_m), 4))[is_known]
+        colors.append(np.repeat(of_things, things_m.shape[1], axis=0))
+    shape, size_m = LOOKS[namespace]
+    return Marker(namespace, 0, shape, np.concatenate(points_m), np.concatenate(colors), size_m)
 
 
 def _edges(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the edges of boxes of shape (k, 2, q), two rows each, box by box."""
+    """Return the edges of boxes of shape (k, 2, q), two rows each, shape (k, m, q)."""
     dimension = boxes.shape[2]
     corners = [np.array(choice) for choice in product((0, 1), repeat=dimension)]
     pairs = [pair for pair in combinations(corners, 2) if np.abs(pair[0] - pair[1]).sum() == 1]
     # For each row, which of the two bounds it has in each coordinate.
     bounds = np.array([corner for pair in pairs for corner in pair])
-    return boxes[:, bounds, np.arange(dimension)].reshape(-1, dimension)
-
-
-def _links(estimate: Estimate) -> Marker:
-    row = {name: i for i, name in enumerate((*estimate.robots, *estimate.landmarks))}
-    # A link of a sensor is drawn from its robot.
-    ends_of = {
-        link: tuple(
-            row.get(name.partition('/')[0]) for name in (link.key.observer, link.key.target)
-        )
-        for link in estimate.links
-    }
-    links = [link for link in estimate.links if None not in ends_of[link]]
-    ends = np.array([ends_of[link] for link in links], dtype=int)
-    colors = np.reshape([_link_color(link) for link in links], (-1, 4))
-    groups = []
-    for placement in _drawn(estimate):
-        segments = _points(placement)[ends.reshape(-1, 2)]
-        is_known = np.isfinite(segments).all(axis=(1, 2))
-        groups.append((segments[is_known], np.repeat(colors[is_known], 2, axis=0)))
-    return _marker('links', Shape.LINE_LIST, groups, LINE_WIDTH_M)
+    return boxes[:, bounds, np.arange(dimension)]
 
 
 def _link_color(link: LinkState) -> NDArray[np.float64]:
@@ -163,7 +117,7 @@ def _names(estimate: Estimate) -> Iterator[Marker]:
     # Beside the point for those who look from above, and above it for the others.
     offset = np.array([0.0, ROBOT_DIAMETER_M, ROBOT_DIAMETER_M])
     named: list[list[NDArray[np.float64]]] = [[] for _ in names]
-    for number, placement in enumerate(_drawn(estimate)):
+    for number, placement in enumerate(estimate.placements[:MOST_DRAWN]):
         for row, (name, point) in enumerate(zip(names, _points(placement), strict=True)):
             nearby = any(np.linalg.norm(point - other) < NAME_HEIGHT_M for other in named[row])
             if nearby or not np.isfinite(point).all():
