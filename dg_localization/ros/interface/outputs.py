@@ -16,7 +16,7 @@ from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.lifecycle import LifecycleNode
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from visualization_msgs.msg import MarkerArray
 
 from dg_localization.fleet import Estimate
@@ -34,14 +34,11 @@ from msg_adapters.headers import message_class
 from msg_adapters.markers import marker_scene_to_cdr
 from msg_adapters.poses import pose_array_to_cdr, uncertain_pose_to_cdr
 
-RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-LATCHED = QoSProfile(
-    depth=1,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
+# All are reliable, as profiles are by default.
+RELIABLE = QoSProfile(depth=10)
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # As tf2 publishes and listens.
-DYNAMIC = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+DYNAMIC = QoSProfile(depth=100)
 
 # Longest wait for subscribers, at the end of the node.
 ACKNOWLEDGE_S = 1.0

@@ -26,16 +26,8 @@ from msg_adapters import adapter_for
 # sensors at 10 Hz that must be less than the default `max_age`, or no message would be of use.
 # A topic that several robots share has such a queue for each of them.
 QUEUE_DEPTH = 8
-SENSOR_DATA = QoSProfile(
-    depth=QUEUE_DEPTH,
-    reliability=ReliabilityPolicy.BEST_EFFORT,
-    durability=DurabilityPolicy.VOLATILE,
-)
-LATCHED = QoSProfile(
-    depth=QUEUE_DEPTH,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
+SENSOR_DATA = QoSProfile(depth=QUEUE_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+LATCHED = QoSProfile(depth=QUEUE_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 # A message waits for up to this long.
 POLL_PERIOD_S = 0.01
