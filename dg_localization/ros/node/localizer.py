@@ -153,18 +153,16 @@ class LocalizerNode(ManagedNode):
             self._bond_with_manager()
         self._inputs = Inputs(self, self.settings, self._on_message)
         made.callback(self._inputs.destroy)
-        # The clock of a machine may be set back by hours, in which its timers would be silent.
-        self._ticker_clock = None if self._is_simulated else STEADY
         self._start_ticker()
         made.callback(lambda: self.destroy_timer(self._ticker))
-        search = self._inputs.search
-        searcher = self.create_timer(DISCOVERY_PERIOD_S, search, clock=STEADY)
+        searcher = self.create_timer(DISCOVERY_PERIOD_S, self._inputs.search, clock=STEADY)
         made.callback(self.destroy_timer, searcher)
         self._state = 'active'
 
     def _start_ticker(self) -> None:
-        period_s = 1.0 / self.settings.rate_hz
-        self._ticker = self.create_timer(period_s, self._on_tick, clock=self._ticker_clock)
+        # The clock of a machine may be set back by hours, in which its timers would be silent.
+        clock, period_s = None if self._is_simulated else STEADY, 1.0 / self.settings.rate_hz
+        self._ticker = self.create_timer(period_s, self._on_tick, clock=clock)
 
     def _adopt(self, settings: Settings) -> None:
         """Begin with a fleet."""
@@ -232,8 +230,7 @@ class LocalizerNode(ManagedNode):
         )
 
     def _with_messages(self, estimate: Estimate) -> TimedEstimate:
-        given = self.settings
-        how = given.fixed_frame, given.lifetime_s, given.least_deviation_m
+        how = self.settings.fixed_frame, self.settings.lifetime_s, self.settings.least_deviation_m
         return TimedEstimate(estimate, tuple(estimate_messages(estimate, *how)))
 
     def _on_warm(self) -> None:
