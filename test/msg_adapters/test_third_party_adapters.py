@@ -4,6 +4,7 @@
 """Messages of packages that are not installed here, by stand-ins with the same fields."""
 
 import math
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -74,6 +75,13 @@ def test_value_survives_the_message(type_name, value):
 def test_package_that_is_missing_is_named(type_name):
     with pytest.raises(UnknownTypeError, match=f'install the ROS package {type_name[:7]}'):
         adapter_for(type_name).message_class()
+
+
+def test_every_type_is_in_the_documentation():
+    page = (Path(__file__).parents[2] / 'docs/sensors.md').read_text(encoding='utf-8')
+    for type_name in dict(VALUES):
+        package, _, name = type_name.split('/')
+        assert package in page and name.rstrip('0123456789') in page
 
 
 def detection(*classes, own_id=''):

@@ -5,17 +5,14 @@
 
 from functools import partial
 import math
-from pathlib import Path
-import re
 
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import String
-import yaml
 
-from dg_localization.fleet import FleetConfig, LinkKind, Localizer, RejectionReason
+from dg_localization.fleet import FleetConfig, LinkKind, Localizer
 from dg_localization.ros.interface.identities import (
     MOST_CAMERAS,
     MOST_UNKNOWN,
@@ -75,10 +72,10 @@ def intake(localizer):
 
 
 def take(intake, link, message):
-    """Take a message on a link; return the rejection and what was malformed."""
+    """Take a message on a link; return what was malformed."""
     link = parse_link(link)
-    rejection = intake.take(link, serialize_message(message), NOW_S)
-    return rejection, intake.malformed.get(link.topic)
+    intake.take(link, serialize_message(message), NOW_S)
+    return intake.malformed.get(link.topic)
 
 
 def counts(localizer):
@@ -90,41 +87,31 @@ def counts(localizer):
     }
 
 
+AB = {'range a->b': (1, 0)}
+
+
 @pytest.mark.parametrize(
-    ('observer', 'text', 'pair'),
+    ('observer', 'text', 'counted', 'wrong'),
     [
-        ('*', '7 8:3.0', 'range a->b'),
-        ('a', '7 9:3.0', 'range a->b'),
-        ('a', '- 8:3.0', 'range a->b'),
+        ('*', '7 8:3.0', AB, ''),
+        ('a', '7 9:3.0', AB, ''),
+        ('a', '- 8:3.0', AB, ''),
         # The name of a robot stands for itself.
-        ('*', 'c a:3.0', 'range c->a'),
+        ('*', 'c a:3.0', {'range c->a': (1, 0)}, ''),
+        # Strangers are counted by their id, and others passed over.
+        ('*', '7 30:1.0 8:3.0 55:4.0', {**AB, 'range a->id 55': (0, 1)}, ''),
+        # Nobody is taken for another observer.
+        ('*', '5 8:3.0', {}, "observer id '5' is nobody's in the parameter `ids`"),
+        ('*', '30 8:3.0', {}, "observer id '30' is nobody's in the parameter `ids`"),
+        ('a', '8 9:3.0', {}, "observer id '8' is that of b, not of a"),
+        ('*', '- 8:3.0', {}, 'name the observer in the link of /uwb instead'),
+        ('*', '7' + ' 8:3.0' * 7, {}, '7 robots and anchors were measured, for this fleet at mo'),
     ],
 )
-def test_ids_are_names_by_the_table(localizer, intake, observer, text, pair):
-    assert take(intake, f'/uwb {TEXT} {observer}', String(data=text)) == (None, None)
-    assert counts(localizer) == {pair: (1, 0)}
-
-
-@pytest.mark.parametrize(
-    ('observer', 'text', 'wanted'),
-    [
-        ('*', '5 8:3.0', "observer id '5' is nobody's in the parameter `ids`"),
-        ('*', '30 8:3.0', "observer id '30' is nobody's in the parameter `ids`"),
-        ('a', '8 9:3.0', "observer id '8' is that of b, not of a"),
-        ('*', '- 8:3.0', 'name the observer in the link of /uwb instead'),
-    ],
-)
-def test_nobody_is_taken_for_another_observer(localizer, intake, observer, text, wanted):
-    rejection, malformed = take(intake, f'/uwb {TEXT} {observer}', String(data=text))
-    assert rejection is None and malformed.count == 1 and wanted in malformed.last
-    assert counts(localizer) == {}
-
-
-def test_strangers_are_counted_by_their_id_and_others_passed_over(localizer, intake):
-    text = String(data='7 30:1.0 8:3.0 55:4.0')
-    rejection, _ = take(intake, f'/uwb {TEXT} *', text)
-    assert rejection.reason is RejectionReason.UNKNOWN_ROBOT and "'id 55'" in rejection.text
-    assert counts(localizer) == {'range a->b': (1, 0), 'range a->id 55': (0, 1)}
+def test_ids_are_names_by_the_table(localizer, intake, observer, text, counted, wrong):
+    malformed = take(intake, f'/uwb {TEXT} {observer}', String(data=text))
+    assert counts(localizer) == counted
+    assert wrong in malformed.last and malformed.count == 1 if wrong else malformed is None
 
 
 def test_strangers_cannot_fill_the_memory(localizer, intake):
@@ -135,26 +122,6 @@ def test_strangers_cannot_fill_the_memory(localizer, intake):
     assert f'range a->{OTHER_UNKNOWN}' in counts(localizer)
     take(intake, f'/uwb {TEXT} *', String(data=f'7 {"x" * 20_000}:1.0'))
     assert max(map(len, counts(localizer))) < 100
-
-
-def test_more_readings_of_robots_than_the_fleet_can_need_are_refused(localizer, intake):
-    text = '7 ' + ' '.join(['8:3.0'] * 7)
-    _, malformed = take(intake, f'/uwb {TEXT} *', String(data=text))
-    assert '7 robots and anchors were measured, for this fleet at most 6' in malformed.last
-    assert counts(localizer) == {}
-
-
-@pytest.fixture
-def rays(localizer, monkeypatch):
-    """Return the rays that the localizer is given, by target."""
-    given = {}
-
-    def add_peers(observer, readings, *_):
-        given.update({(observer, target): np.round(value, 9) for target, value in readings})
-        return []
-
-    monkeypatch.setattr(localizer, 'add_peers', add_peers)
-    return given
 
 
 def pixels_of_text(message):
@@ -178,30 +145,33 @@ def camera_info(camera=CAMERA):
         ('pitch=1.5707963267948966 yaw=1.5707963267948966', (0.0, 0.0, -1.0)),
     ],
 )
-def test_camera_that_looks_elsewhere_is_turned(intake, rays, text_messages, turn, ray):
+def test_camera_that_looks_elsewhere_is_turned(text_messages, turn, ray):
     text_messages(PixelReading, pixels_of_text)
+    localizer = Localizer(FleetConfig(robots=('a', 'b', 'c'), dimension=3))
+    intake = Intake(localizer, False, parse_ids(TABLE))
     take(intake, f'/a/info {CAMERA_INFO} a', camera_info())
     take(intake, f'/a/tags {TEXT} a {turn}', String(data='eye c:50:50'))
-    assert rays['a', 'c'] == pytest.approx(ray)
+    (seen,) = localizer.snapshot(NOW_S).rays
+    assert seen.direction == pytest.approx(ray, abs=1e-9)
 
 
 @pytest.mark.parametrize('link', [f'/b/info {CAMERA_INFO} b', f'/a/info {CAMERA_INFO} a'])
-def test_pixels_wait_for_the_matrix_of_their_own_camera(intake, rays, text_messages, link):
+def test_pixels_wait_for_the_matrix_of_their_own_camera(localizer, intake, text_messages, link):
     text_messages(PixelReading, pixels_of_text)
     take(intake, link, camera_info())
     frame = 'eye' if link.endswith('b') else 'nose'
-    _, malformed = take(intake, f'/a/tags {TEXT} a', String(data=f'{frame} c:50:50'))
+    malformed = take(intake, f'/a/tags {TEXT} a', String(data=f'{frame} c:50:50'))
     assert f"CameraInfo of a in frame '{frame}' has arrived" in malformed.last
     hint = 'is there a link' if frame == 'eye' else "those that came are in frames 'eye'"
     assert hint in malformed.last
-    assert not rays
+    assert counts(localizer) == {}
 
 
 def test_cameras_are_counted_and_bounded(intake):
     link = f'/a/info {CAMERA_INFO} a'
     for number in range(MOST_CAMERAS + 1):
         camera = CameraReading(NOW_S, f'eye {number}', (100.0, 100.0), (50.0, 50.0))
-        _, malformed = take(intake, link, camera_info(camera))
+        malformed = take(intake, link, camera_info(camera))
     assert malformed.count == 1 and f'one more than {MOST_CAMERAS}' in malformed.last
     (state,) = intake.states(NOW_S + 5.0).values()
     assert (str(state.key), state.accepted, state.age_s) == ('camera a', MOST_CAMERAS, 5.0)
@@ -282,20 +252,3 @@ def test_a_camera_and_its_detections_turn_a_fleet(bench, make_node, text_message
     bench.until(is_there, 'one placement, turned by the camera')
     bench.until_status('input camera robot_1', Level.OK, 'in use')
     bench.until_status('input peers robot_1', Level.OK, 'in use')
-
-
-@pytest.mark.usefixtures('third_party_messages')
-def test_the_example_of_the_documentation_is_accepted():
-    page = (Path(__file__).parents[2] / 'docs/sensors.md').read_text(encoding='utf-8')
-    (text,) = re.findall(r'```yaml\n([^`]*    ids: [^`]*)```', page)
-    values = yaml.safe_load(text)['/**']['ros__parameters']
-    settings = settings_from(check_values(values))
-    assert [str(link.key) for link in settings.links] == [
-        'peers *',
-        'camera robot_1',
-        'peers robot_1',
-    ]
-    for row in sorted({*registry.known_types()} - {TEXT}):
-        if registry.adapter_for(row).value_class in (IdentifiedReading, PixelReading):
-            package, _, name = row.split('/')
-            assert package in page and name.rstrip('0123456789') in page

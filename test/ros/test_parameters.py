@@ -9,12 +9,10 @@ import math
 from pathlib import Path
 import re
 
-import numpy as np
 import pytest
 import yaml
 
 from dg_localization.fleet import ElevationErrorModel, LinkKey, LinkKind
-from dg_localization.fleet.rotations import rotation_of_quaternion
 from dg_localization.ros.interface.links import parse_link
 from dg_localization.ros.interface.parameters.document import as_yaml
 from dg_localization.ros.interface.parameters.inputs import TEMPLATE_TYPES
@@ -25,6 +23,12 @@ from dg_localization.ros.interface.parameters.table import TABLE
 REPOSITORY = Path(__file__).parents[2]
 CONFIG = REPOSITORY / 'config'
 ROBOTS = {'robots': ['a', 'b', 'c']}
+NAMED = {
+    'anchors.names': ['p'],
+    'anchors.p.position': [0.0, 0.0],
+    'mounts.names': ['a/left'],
+    'mounts.a.left.position': [0.3, 0.2],
+}
 BARO = '/baro geometry_msgs/msg/PointStamped a min_error=-1.0'
 
 
@@ -53,11 +57,6 @@ def test_every_parameter_reaches_the_settings(name):
         with suppress(WrongParameterError):
             found.append(settings(**{**anchor, name: value}))
     assert any(one != settings(**anchor) for one in found)
-
-
-def given_by(name):
-    """Return the parameters of a file in config/, flattened as ROS does."""
-    return given_in((CONFIG / name).read_text())
 
 
 def given_in(text):
@@ -91,7 +90,7 @@ def test_the_file_is_that_of_the_table():
 
 
 def test_commented_file_holds_every_parameter_with_its_default():
-    given = given_by('localizer.yaml')
+    given = given_in((CONFIG / 'localizer.yaml').read_text())
     assert len(given.pop('robots')) == 3
     defaults = {name: spec.default for name, spec in TABLE.items() if name != 'robots'}
     assert given.keys() == defaults.keys()
@@ -107,22 +106,23 @@ def test_links_in_the_comments_of_the_file_are_allowed():
     assert [parse_link(example).topic for example in examples]
 
 
-# The other files are for other programs.
-OWN_FILES = sorted(path for path in CONFIG.glob('*.yaml') if path.name != 'ekf_example.yaml')
+PAGES = (REPOSITORY / 'README.md', *(REPOSITORY / 'docs').glob('*.md'))
+# Other files are for other programs; what has a module beside it is tried with that.
+OTHERS = 'ekf_filter_node', "\n    adapter_modules: ['"
+TEXTS = {path.name: path.read_text('utf-8') for path in CONFIG.glob('*.yaml')}
+TEXTS |= {
+    f'{page.name} {number}': text
+    for page in PAGES
+    for number, text in enumerate(re.findall(r'```yaml\n([^`]*)```', page.read_text('utf-8')))
+    if 'ros__parameters' in text
+}
 
 
-@pytest.mark.parametrize('path', OWN_FILES, ids=lambda path: path.name)
-def test_every_file_gives_settings(path):
-    assert settings_from(check_values(given_by(path.name))).fleet.robots
-
-
-def test_example_in_space_is_allowed_and_its_camera_looks_down():
-    page = (REPOSITORY / 'docs/sensors.md').read_text(encoding='utf-8')
-    (text,) = re.findall(r'```yaml\n([^`]*dimension: 3[^`]*)```', page)
-    fleet = settings_from(check_values(given_in(text))).fleet
-    turn = rotation_of_quaternion(np.array(fleet.mounts['d1']['camera'].rotation_xyzw))
-    assert fleet.dimension == 3
-    assert turn @ [1.0, 0.0, 0.0] == pytest.approx([0.0, 0.0, -1.0], abs=1e-4)
+@pytest.mark.usefixtures('third_party_messages')
+@pytest.mark.parametrize('name', sorted(TEXTS))
+def test_every_file_and_example_of_a_page_gives_settings(name):
+    if not any(word in TEXTS[name] for word in OTHERS):
+        assert settings_from(check_values(given_in(TEXTS[name]))).fleet.robots
 
 
 @pytest.mark.parametrize(
@@ -146,8 +146,8 @@ def test_example_in_space_is_allowed_and_its_camera_looks_down():
         ('fixed_frame', '/map', "'/map' .* without blanks or a slash"),
         ('robots', [], "at least one, below '/\\*\\*:'"),
         ('links', ['/t sensor_msgs/Range a b'], "mean 'sensor_msgs/msg/Range'"),
-        ('mounts.names', ['left'], "'left' is not allowed, it must read 'ROBOT/SENSOR'"),
-        ('mounts.names', ['a/left'], r'mounts.a.left.position: \(\) is not allowed'),
+        ('mounts.names', ['a/left', 'left'], "'left' is not allowed, it must read 'ROBOT/SENSOR'"),
+        ('mounts.names', ['a/left', 'a/right'], r'mounts.a.right.position: \(\) is not allowed'),
         ('elevations.names', ['a'], r'elevations.a: \(\) is not allowed'),
         ('links', ['/t+ sensor_msgs/msg/Range a b'], r"'/t\+' is no topic name"),
         ('links', ['/t nav_msgs/msg/Odometry a b'], 'takes no target'),
@@ -181,11 +181,17 @@ def test_example_in_space_is_allowed_and_its_camera_looks_down():
         ('solver.resolutoin', 0.1, "'solver.resolutoin' is unknown; did you mean 'solver.resol"),
         ('robot_max_speed.z', 1.0, "'robot_max_speed.z' is unknown; name its point in 'robots'"),
         ('anchors.beacon.position', [0.0, 0.0], "name its point in 'anchors.names'"),
+        ('anchors.p.position', [0.0, 1e155], r'numbers >= -1e\+09 and <= 1e\+09 \(m\)'),
+        ('anchors.p.position', [1.0], r': \(1.0,\) is not allowed, it must have 2 coordinates'),
+        ('anchors.p.bound', 1e10, r'<= 1e\+09 or negative \(m\)'),
+        ('mounts.a.left.rotation', [1.0], r'must be roll, pitch and yaw \(rad\)'),
+        ('mounts.a.left.bound', 1e200, r'>= 0 and <= 1e\+09 \(m\)'),
+        ('memory.seconds', 1e-300, r'0 or >= 0.001 \(s\)'),
     ],
 )
 def test_wrong_value_is_refused_by_name_with_the_allowed_values(name, value, wanted):
     with pytest.raises(WrongParameterError, match=wanted):
-        settings(**{name: value})
+        settings(**{**NAMED, name: value})
 
 
 def test_a_robot_and_an_anchor_have_values_of_their_own_or_the_common_ones():
@@ -223,64 +229,6 @@ def test_topics_that_are_swapped_by_remapping_are_refused():
         settings_from(check_values(given), lambda topic: swapped.get(topic, topic))
 
 
-def test_an_anchor_has_as_many_coordinates_as_space():
-    wanted = r'anchors\.p\.position: \(1\.0,\) is not allowed, it must have 2 coordinates'
-    with pytest.raises(WrongParameterError, match=wanted):
-        settings(**{'anchors.names': ['p'], 'anchors.p.position': [1.0]})
-
-
-def test_links_that_measure_the_same_have_bounds_of_their_own():
-    links = [
-        '/uwb_1/ab sensor_msgs/msg/Range a b max_error=1.5 expected_error=0.1',
-        '/uwb_2/ab sensor_msgs/msg/Range a b min_error=-0.4 sigma_factor=2.0',
-        '/cam_1/ab geometry_msgs/msg/Vector3Stamped a b half_width=0.2',
-        '/cam_2/ab geometry_msgs/msg/Vector3Stamped a b',
-    ]
-    first, second, seen, other = bounds_of_links(
-        settings(links=links, **{'bearing.half_width': 0.3})
-    )
-    assert (first.range_error.min_error_m, first.range_error.max_error_m) == (0.0, 1.5)
-    assert first.range_error.expected_error_m == 0.1
-    assert (second.range_error.min_error_m, second.range_error.max_error_m) == (-0.4, 0.0)
-    assert second.range_error.sigma_factor == 2.0
-    assert (seen.bearing_half_width_rad, other.bearing_half_width_rad) == (0.2, 0.3)
-
-
-def test_bounds_of_peers_are_those_of_their_ranges_and_rays():
-    links = [
-        '/a/all sensor_msgs/msg/PointCloud2 a max_error=0.7 half_width=0.2',
-        '/b/all sensor_msgs/msg/PointCloud2 b',
-    ]
-    found = settings(links=links)
-    own, other = bounds_of_links(found)
-    assert (own.range_error.max_error_m, own.bearing_half_width_rad) == (0.7, 0.2)
-    assert other == found.fleet.sensor_bounds
-
-
-@pytest.mark.parametrize(
-    ('name', 'value', 'wanted'),
-    [
-        ('anchors.p.position', [0.0, 1e155], 'numbers >= -1e+09 and <= 1e+09 (m)'),
-        ('anchors.p.bound', 1e10, '<= 1e+09 or negative (m)'),
-        ('mounts.a.left.rotation', [1.0], 'must be roll, pitch and yaw (rad)'),
-        ('mounts.a.left.bound', 1e200, '>= 0 and <= 1e+09 (m)'),
-        ('memory.seconds', 1e-300, '0 or >= 0.001 (s)'),
-    ],
-)
-def test_extremes_that_no_answer_stands_are_refused(name, value, wanted):
-    given = {
-        'anchors.names': ['p'],
-        'anchors.p.position': [0.0, 0.0],
-        'mounts.names': ['a/left'],
-        'mounts.a.left.position': [0.3, 0.2],
-    }
-    assert settings(**given, **{'memory.seconds': 0.0}).fleet.memory_s == 0.0
-    with pytest.raises(
-        WrongParameterError, match=re.escape(f"'{name}'") + '.*' + re.escape(wanted)
-    ):
-        settings(**{**given, name: value})
-
-
 def test_empty_template_means_no_topics():
     found = settings(**dict.fromkeys(TEMPLATE_TYPES, ''))
     assert found.links == () and found.templates == ()
@@ -307,28 +255,30 @@ def test_links_have_bounds_and_stamps_of_their_own():
             'bearing.expected_error': 0.03,
         },
         links=[
-            '/ab sensor_msgs/msg/Range a b expected_error=0.2',
+            '/uwb_1/ab sensor_msgs/msg/Range a b max_error=1.5 expected_error=0.2',
+            '/uwb_2/ab sensor_msgs/msg/Range a b min_error=-0.4 sigma_factor=2.0',
             '/ac sensor_msgs/msg/Range a c stamp_offset=-0.3',
-            '/ab_seen geometry_msgs/msg/Vector3Stamped a b expected_error=-0.01',
+            '/ab_seen geometry_msgs/msg/Vector3Stamped a b expected_error=-0.01 half_width=0.2',
             '/a/wheels nav_msgs/msg/Odometry a stamp_offset=0',
-            '/b/seen sensor_msgs/msg/PointCloud2 b stamp_offset=-0.2',
+            '/b/all sensor_msgs/msg/PointCloud2 b stamp_offset=-0.2 max_error=0.7 half_width=0.1',
         ],
     )
     fleet = found.fleet
-    assert [link.stamp_offset_s for link in found.links] == [-0.1, -0.3, 0.0, 0.0, -0.2]
+    assert [link.stamp_offset_s for link in found.links] == [-0.1, -0.1, -0.3, 0.0, 0.0, -0.2]
     by_kind = {template.kind: template for template in found.templates}
     assert by_kind[LinkKind.RANGE].link_of('/b/range/c', 'abc').stamp_offset_s == -0.1
     assert by_kind[LinkKind.ODOMETRY].link_of('/b/odom', 'abc').stamp_offset_s == 0.02
     assert fleet.stamp_error_s == 0.01
     assert fleet.odometry_error_of('a').latency_s == pytest.approx(0.02)
-    assert fleet.range_error.expected_error_m is None
-    ranging, late, seeing, *_ = bounds_of_links(found)
-    assert ranging.range_error.expected_error_m == 0.2
     # A stamp offset is no bound: those of the fleet hold.
+    first, second, late, seeing, _, peers = bounds_of_links(found)
     assert late == fleet.sensor_bounds
-    assert seeing.bearing_expected_error_rad == -0.01
-    assert seeing.bearing_half_width_rad == fleet.bearing_half_width_rad
-    assert fleet.bearing_expected_error_rad == 0.03
+    of_all = fleet.range_error
+    assert first.range_error == replace(of_all, max_error_m=1.5, expected_error_m=0.2)
+    assert second.range_error == replace(of_all, min_error_m=-0.4, sigma_factor=2.0)
+    assert seeing == replace(late, bearing_half_width_rad=0.2, bearing_expected_error_rad=-0.01)
+    assert peers.range_error == replace(of_all, max_error_m=0.7)
+    assert (peers.bearing_half_width_rad, peers.bearing_expected_error_rad) == (0.1, 0.03)
 
 
 def test_sensors_on_robots_and_elevations_reach_the_fleet():
