@@ -9,9 +9,12 @@ names, in any order, at any offset; other fields are passed over:
 
 - `peer`, an integer: which peer;
 - `range`, a float in m: its distance;
-- `x`, `y`, `z`, floats: the ray to it in the observer's body frame.
+- `x`, `y`, `z`, floats: the ray to it in the observer's body frame;
+- `reference`, an integer, and `range_difference`, a float in m: by how much the peer is farther
+  away than another one.
 
-A cloud has `range`, or `x`, `y` and `z`, or all four. NaN stands for what was not measured.
+A cloud has `range`, or `x`, `y` and `z`, or the last two, or several of these. NaN stands for
+what was not measured.
 """
 
 from dataclasses import dataclass
@@ -30,10 +33,11 @@ RAY = ('x', 'y', 'z')
 INTEGERS = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4'}
 FLOATS = {7: 'f4', 8: 'f8'}
 COLUMNS = {'peer': INTEGERS, 'range': FLOATS, 'x': FLOATS, 'y': FLOATS, 'z': FLOATS}
+DIFFERENCE = {'reference': INTEGERS, 'range_difference': FLOATS}
+COLUMNS |= DIFFERENCE
 
-# What is written: one point after the other, without gaps.
-WRITTEN = np.dtype([('peer', '<u4'), *((name, '<f8') for name in ('range', *RAY))])
-OFFSETS, DATATYPES = (0, 4, 12, 20, 28), (6, 8, 8, 8, 8)
+# Of an integer and of a float as they are written: datatype and numpy type.
+UINT32, FLOAT64 = (6, '<u4'), (8, '<f8')
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +58,10 @@ class PeersReading:
         length; NaN is no reading.
     frame_id : str
         Frame of the rays.
+    references : ndarray of int64, shape (k,), or None
+        Another peer for each; None where no difference was measured.
+    differences_m : ndarray, shape (k,), or None
+        The distance to the peer minus that to the other in m; NaN is no reading.
 
     """
 
@@ -62,6 +70,8 @@ class PeersReading:
     ranges_m: NDArray[np.float64]
     rays_xyz: NDArray[np.float64]
     frame_id: str = ''
+    references: NDArray[np.int64] | None = None
+    differences_m: NDArray[np.float64] | None = None
 
 
 def peers_from_message(message: Any) -> PeersReading:
@@ -78,13 +88,16 @@ def peers_from_message(message: Any) -> PeersReading:
     unknown = np.full(len(table), np.nan)
     columns = {
         name: table[name].astype(np.float64) if name in (table.dtype.names or ()) else unknown
-        for name in ('range', *RAY)
+        for name in ('range', *RAY, 'range_difference')
     }
+    has_differences = 'reference' in (table.dtype.names or ())
     return PeersReading(
         **header_of(message),
         peers=table['peer'].astype(np.int64),
         ranges_m=columns['range'],
         rays_xyz=np.column_stack([columns[name] for name in RAY]),
+        references=table['reference'].astype(np.int64) if has_differences else None,
+        differences_m=columns['range_difference'] if has_differences else None,
     )
 
 
@@ -108,10 +121,12 @@ def _row_type(message: Any) -> np.dtype[Any]:
     fields = [field for field in message.fields if field.name in COLUMNS]
     names = [field.name for field in fields]
     rays = [name for name in RAY if name in names]
-    if 'peer' not in names or not ('range' in names or rays) or len(rays) not in (0, 3):
+    referred = [name for name in DIFFERENCE if name in names]
+    whole = 'peer' in names and len(rays) in (0, 3) and len(referred) in (0, 2)
+    if not whole or not ('range' in names or rays or referred):
         raise ValueError(
             f"fields {names} are not enough, there must be 'peer', and 'range' or 'x', 'y' and "
-            "'z' or all of them"
+            "'z' or 'reference' and 'range_difference' or all of them"
         )
     for field in fields:
         # Some writers leave the count of a single number at zero.
@@ -132,22 +147,28 @@ def _row_type(message: Any) -> np.dtype[Any]:
 
 
 def peers_to_cdr(reading: PeersReading) -> bytes:
-    """Write a serialized `sensor_msgs/PointCloud2` of all five columns, in double precision."""
-    table = np.empty(len(reading.peers), WRITTEN)
-    table['peer'], table['range'] = reading.peers, reading.ranges_m
-    for axis, name in enumerate(RAY):
-        table[name] = reading.rays_xyz[:, axis]
+    """Write a serialized `sensor_msgs/PointCloud2` of all columns, in double precision."""
+    columns = {'peer': reading.peers, 'range': reading.ranges_m}
+    columns |= dict(zip(RAY, reading.rays_xyz.T, strict=True))
+    if reading.references is not None and reading.differences_m is not None:
+        columns |= {'reference': reading.references, 'range_difference': reading.differences_m}
+    types = {name: UINT32 if COLUMNS[name] is INTEGERS else FLOAT64 for name in columns}
+    table = np.empty(len(reading.peers), [(name, kind) for name, (_, kind) in types.items()])
     writer = CdrWriter(reading.stamp_s, reading.frame_id)
-    writer.uint32(1, len(table), len(COLUMNS))
-    for name, datatype, offset in zip(COLUMNS, DATATYPES, OFFSETS, strict=True):
+    writer.uint32(1, len(table), len(columns))
+    offset, is_dense = 0, True
+    for name, (datatype, kind) in types.items():
+        table[name] = columns[name]
+        is_dense &= bool(np.isfinite(columns[name]).all())
         writer.string(name)
         writer.uint32(offset)
         writer.uint8(datatype)
         writer.uint32(1)  # count
+        offset += np.dtype(kind).itemsize
     writer.uint8(False)  # is_bigendian
-    writer.uint32(WRITTEN.itemsize, table.nbytes, table.nbytes)
+    writer.uint32(offset, table.nbytes, table.nbytes)
     writer.numbers(table.view(np.uint8), kind='u1')
-    writer.uint8(bool(np.isfinite([*reading.ranges_m, *reading.rays_xyz.ravel()]).all()))
+    writer.uint8(is_dense)
     return writer.to_bytes()
 
 

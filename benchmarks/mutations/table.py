@@ -765,8 +765,8 @@ FLEET = [
         ('test/ros/test_parameters.py',),
         (
             'the ranges of peers have the bounds of all',
-            'if kind in (LinkKind.RANGE, LinkKind.PEERS):',
-            'if kind is LinkKind.RANGE:',
+            'if kind in kinds:',
+            'if kind is kinds[0]:',
         ),
     ),
     *_in(

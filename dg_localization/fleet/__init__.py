@@ -16,6 +16,7 @@ from dg_localization.fleet.localizer import Localizer
 from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.fleet.sensors import (
     Anchor,
+    DifferenceErrorModel,
     ElevationErrorModel,
     Mount,
     RangeErrorModel,
@@ -40,6 +41,7 @@ __all__ = [
     'Cancel',
     'ConfigError',
     'Conflict',
+    'DifferenceErrorModel',
     'ElevationErrorModel',
     'Estimate',
     'FixedFrame',

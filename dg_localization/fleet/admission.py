@@ -17,8 +17,11 @@ from dg_localization.fleet.vocabulary import LinkKey, RefusedError, RejectionRea
 MOST_BEFORE_S = 0.15
 """How old an answer may be for the sake of odometry, when it is asked for."""
 
-PeerMeasurement: TypeAlias = tuple[str, float | ArrayLike]
-"""The target, and its distance in m or the ray to it."""
+PeerMeasurement: TypeAlias = tuple[str | tuple[str, str], float | ArrayLike]
+"""
+The target, and its distance in m or the ray to it; or two points, and by how much the second is
+farther away.
+"""
 
 _NO_ROWS = (str, bytes, Mapping)
 _NO_PAIR = (str, bytes, Mapping, Set)
@@ -74,8 +77,21 @@ class Admission:
                 'on it is known from its mounts'
             )
             raise RefusedError(RejectionReason.SAME_ROBOT, text)
-        self.check_names(key.observer, key.target)
+        self.check_names(*key.points)
+        of_one = (
+            self._body(key.target) == self._body(key.reference) and key.target != key.reference
+        )
+        if key.reference and not of_one:
+            text = (
+                f'{key.target!r} and {key.reference!r} are not two points of one body, which are '
+                'anchors, or a robot and its sensors'
+            )
+            raise RefusedError(RejectionReason.SEVERAL_BODIES, text)
         self._links.add(key)
+
+    def _body(self, point: str) -> str:
+        """Return the robot that a point is on; empty for anchors."""
+        return '' if point in self._config.anchors else self._config.robot_of(point)
 
     def checked_stamp(self, stamp_s: float, now_s: float) -> float:
         """Return a stamp; refuse what is not a time, or too far from now."""
@@ -119,11 +135,12 @@ def rows_of_peers(readings: Iterable[PeerMeasurement]) -> Iterator[PeerMeasureme
     raise RefusedError(RejectionReason.INVALID_PEER, text)
 
 
-def read_peer(row: PeerMeasurement) -> PeerMeasurement:
-    """Return the name of a target, and its distance or the ray to it."""
+def read_peer(row: PeerMeasurement) -> tuple[str, str, float | ArrayLike]:
+    """Return the names of a target and a reference, if there is one, and what was measured."""
     try:
         target, value = () if isinstance(row, _NO_PAIR) else row
-        return str(target), value
+        first, second = target if isinstance(target, tuple) else ('', target)
+        return str(second), str(first), value
     except Exception:  # whatever the row raises while it is read
         text = (
             f'peer {quoted(row)} is not allowed, it must be a target, and its distance in m or '

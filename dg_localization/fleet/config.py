@@ -34,6 +34,7 @@ from dg_localization.fleet.contradictions.suspects import SuspectKind
 from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.fleet.sensors import (
     Anchor,
+    DifferenceErrorModel,
     ElevationErrorModel,
     Mount,
     RangeErrorModel,
@@ -119,6 +120,8 @@ class FleetConfig:
         their projections. A sensor without one has that of its robot; what is not named is at 0.
     elevation_error : ElevationErrorModel
         Error bounds of every elevation that is read, at points that `elevations_m` names.
+    range_difference_error : DifferenceErrorModel
+        Error bounds of every range difference.
     max_speed_m_s : float
         No robot moves faster. It determines how much the bounds of an old measurement widen.
     robot_max_speed_m_s : mapping of str to float
@@ -179,6 +182,7 @@ class FleetConfig:
     mounts: Mapping[str, Mapping[str, Mount | tuple[float, ...]]] = field(default_factory=dict)
     elevations_m: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     elevation_error: ElevationErrorModel = ElevationErrorModel()
+    range_difference_error: DifferenceErrorModel = DifferenceErrorModel()
     max_speed_m_s: float = 1.0
     robot_max_speed_m_s: Mapping[str, float] = field(default_factory=dict)
     max_turn_rate_rad_s: float = 1.0

@@ -195,6 +195,44 @@ class Localizer:
         return self._store.add(key, ray_xyz, stamp_s, now_s, self._or_stated(bounds))
 
     @default_environment()
+    def add_range_difference(
+        self,
+        observer: str,
+        first: str,
+        second: str,
+        difference_m: float,
+        stamp_s: float,
+        now_s: float,
+        bounds: SensorBounds | None = None,
+    ) -> Rejection | None:
+        """
+        Add by how much one point is farther away than another, as of arrivals of radio waves.
+
+        It counts once the observer has odometry, and is remembered.
+
+        Parameters
+        ----------
+        observer : str
+            Who measured: a robot, or a sensor on one.
+        first, second : str
+            Two anchors, or two points on another robot.
+        difference_m : float
+            The distance to the second minus that to the first, in m.
+        stamp_s, now_s : float
+            When it was measured, and the time now, on the same clock.
+        bounds : SensorBounds, optional
+            Of its error; by default those of the settings.
+
+        Returns
+        -------
+        Rejection or None
+            Why it was not accepted.
+
+        """
+        key = LinkKey(LinkKind.RANGE_DIFFERENCE, str(observer), str(second), str(first))
+        return self._store.add(key, difference_m, stamp_s, now_s, self._or_stated(bounds))
+
+    @default_environment()
     def add_odometry(
         self,
         robot: str,
@@ -284,7 +322,8 @@ class Localizer:
             Who measured.
         readings : iterable of (str, float or array_like of shape (3,))
             The target, and either its distance in m or the ray to it, as for `add_range` and
-            `add_bearing`. A target may occur twice, with a distance and with a ray.
+            `add_bearing`. A target may occur twice, with a distance and with a ray. In place of
+            a target there may be two points with a number, as for `add_range_difference`.
         stamp_s, now_s : float
             When it was measured, and the time now, on the same clock.
         bounds : SensorBounds, optional

@@ -47,7 +47,12 @@ from dg_localization.fleet.error_models import (
 )
 from dg_localization.fleet.motion import OdometryTrack
 from dg_localization.fleet.rotations import rotation_of_quaternion
-from dg_localization.fleet.sensors import ElevationErrorModel, RangeErrorModel, SensorBounds
+from dg_localization.fleet.sensors import (
+    DifferenceErrorModel,
+    ElevationErrorModel,
+    RangeErrorModel,
+    SensorBounds,
+)
 from dg_localization.fleet.vocabulary import (
     DistanceReading,
     InputState,
@@ -61,6 +66,7 @@ from dg_localization.fleet.vocabulary import (
     RejectionReason,
 )
 from dg_localization.fleet.window.memory import Memory
+from dg_localization.interval.bounds import sum_down, sum_up
 
 MOST_LATER = 1000
 """So many readings of an input are kept that are later than an answer may be."""
@@ -146,7 +152,7 @@ class MeasurementStore:
         now_s: float,
         bounds: SensorBounds,
     ) -> Rejection | None:
-        """Accept a range or a ray, or return why not."""
+        """Accept a range, a ray or a range difference, or return why not."""
         with self._counted(key) as refused:
             self._admission.check_link(key)
             stamp = self._admission.checked_stamp(stamp_s, now_s)
@@ -206,7 +212,7 @@ class MeasurementStore:
         now_s: float,
         bounds: SensorBounds,
     ) -> list[Rejection]:
-        """Accept ranges and rays that one robot measured at one time; return why not."""
+        """Accept all that one robot measured at one time; return why not."""
         together = LinkKey(LinkKind.PEERS, observer, '')
         rows: list[PeerMeasurement] = []
         rejections: list[Rejection] = []
@@ -223,9 +229,11 @@ class MeasurementStore:
         source.newest_stamp_s = max(source.newest_stamp_s, stamp)
         for row in rows:
             with self._counted(together) as refused:
-                target, value = read_peer(row)
-                is_range = is_single(value)
-                key = LinkKey(LinkKind.RANGE if is_range else LinkKind.BEARING, observer, target)
+                target, reference, value = read_peer(row)
+                is_range = is_single(value) and not reference
+                kind = LinkKind.RANGE if is_range else LinkKind.BEARING
+                kind = LinkKind.RANGE_DIFFERENCE if reference else kind
+                key = LinkKey(kind, observer, target, reference)
                 with self._counted(key, again=True):
                     self._admission.check_link(key)
                     message = RangeMessage(value) if is_range else value
@@ -242,9 +250,11 @@ class MeasurementStore:
         now_s: float,
         bounds: SensorBounds,
     ) -> None:
-        """Accept a range or a ray of a link and a stamp that were checked."""
+        """Accept what was measured, of a link and a stamp that were checked."""
         reading: DistanceReading | RayReading
-        if isinstance(value, RangeMessage):
+        if key.reference:
+            reading = self._difference_reading(key, value, stamp_s, bounds.range_difference_error)
+        elif isinstance(value, RangeMessage):
             reading = self._distance_reading(key, value, stamp_s, now_s, bounds.range_error)
         else:
             reading = self._ray_reading(key, value, stamp_s, now_s, bounds)
@@ -271,6 +281,18 @@ class MeasurementStore:
         if poses and len(poses) == len(self._stuck.movable(key)):
             self._frozen.add(reading, poses)
         return self._elevations.in_plane(reading, now_s) if self._config.elevations_m else reading
+
+    def _difference_reading(
+        self, key: LinkKey, difference_m: object, stamp_s: float, error: DifferenceErrorModel
+    ) -> DistanceReading:
+        """Return what a range difference says."""
+        reading_m = finite_number(difference_m)
+        if reading_m is None:
+            text = f'range difference {quoted(difference_m)} must be a finite number of meters'
+            raise RefusedError(RejectionReason.INVALID_RANGE, text)
+        self._check_stuck(key, (reading_m,), stamp_s)
+        lower_m = sum_down(reading_m, -error.max_error_m)
+        return DistanceReading(key, stamp_s, lower_m, sum_up(reading_m, -error.min_error_m))
 
     def _ray_reading(
         self,

@@ -14,7 +14,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 import math
 from types import MappingProxyType
-from typing import Any
+from typing import Any, ClassVar
 
 from dg_localization.fleet.checks import (
     FARTHEST_M,
@@ -115,9 +115,9 @@ class RangeErrorModel:
 
 
 @dataclass(frozen=True)
-class ElevationErrorModel:
+class AbsoluteErrorModel:
     """
-    Bounds of the error of an elevation that is read: the reading minus the true elevation.
+    Bounds of the error of a reading: the reading minus the true value.
 
     Parameters
     ----------
@@ -131,16 +131,30 @@ class ElevationErrorModel:
 
     """
 
+    GROUP: ClassVar[str] = ''
+
     min_error_m: float = -0.5
     max_error_m: float = 0.5
 
     def __post_init__(self) -> None:
-        keep_numbers(self, 'elevation.', {'min_error_m': {}, 'max_error_m': {}})
-        _require_order('elevation', self, 'min_error_m', 'max_error_m')
+        keep_numbers(self, f'{self.GROUP}.', {'min_error_m': {}, 'max_error_m': {}})
+        _require_order(self.GROUP, self, 'min_error_m', 'max_error_m')
+
+
+class ElevationErrorModel(AbsoluteErrorModel):
+    """Bounds of the error of an elevation that is read."""
+
+    GROUP = 'elevation'
+
+
+class DifferenceErrorModel(AbsoluteErrorModel):
+    """Bounds of the error of a range difference."""
+
+    GROUP = 'range_difference'
 
 
 def _require_order(
-    group: str, model: RangeErrorModel | ElevationErrorModel, least: str, greatest: str
+    group: str, model: RangeErrorModel | AbsoluteErrorModel, least: str, greatest: str
 ) -> None:
     """Raise `ConfigError` where the least of two errors exceeds the greatest."""
     low, high = getattr(model, least), getattr(model, greatest)
@@ -164,6 +178,8 @@ class SensorBounds:
         The likeliest error of its rays about the vertical axis, counterclockwise.
     elevation_error : ElevationErrorModel
         Of the elevations that it reads.
+    range_difference_error : DifferenceErrorModel
+        Of the differences of its distances to two points.
 
     Raises
     ------
@@ -176,10 +192,13 @@ class SensorBounds:
     bearing_half_width_rad: float = 0.05
     bearing_expected_error_rad: float = 0.0
     elevation_error: ElevationErrorModel = ElevationErrorModel()
+    range_difference_error: DifferenceErrorModel = DifferenceErrorModel()
 
     def __post_init__(self) -> None:
         require_kind('range_error', self.range_error, RangeErrorModel)
         require_kind('elevation_error', self.elevation_error, ElevationErrorModel)
+        difference_error = self.range_difference_error
+        require_kind('range_difference_error', difference_error, DifferenceErrorModel)
         limits = {'bearing_half_width_rad': HALF_TURN, 'bearing_expected_error_rad': {}}
         keep_numbers(self, '', limits)
 

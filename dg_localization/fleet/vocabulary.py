@@ -23,12 +23,14 @@ class LinkKind(StrEnum):
     What a link measures.
 
     Peers are ranges and bearings that one robot sends together. Each of them is also counted, and
-    used, as a range or a bearing. A camera is what turns its pixels into bearings. An elevation is
-    that of the observer itself.
+    used, as a range, a bearing or a range difference. A camera is what turns its pixels into
+    bearings. An elevation is that of the observer itself. A range difference is by how much the
+    target is farther away than the reference.
     """
 
     RANGE = 'range'
     BEARING = 'bearing'
+    RANGE_DIFFERENCE = 'range_difference'
     ODOMETRY = 'odometry'
     ELEVATION = 'elevation'
     PEERS = 'peers'
@@ -39,13 +41,20 @@ class LinkKey(NamedTuple):
     """
     One source of measurements: who measures what of whom.
 
-    `target` is empty for odometry and elevations, which a robot measures of itself, and for peers.
+    `target` is empty for odometry and elevations, which a robot measures of itself, and for peers,
+    `reference` for all but range differences.
     Every reading is looked up by its key several times, and tuples are compared and hashed fast.
     """
 
     kind: LinkKind
     observer: str
     target: str
+    reference: str = ''
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """The observer, the target, and the reference where there is one."""
+        return (*self.ends, self.reference) if self.reference else self.ends
 
     @property
     def ends(self) -> tuple[str, str]:
@@ -54,7 +63,9 @@ class LinkKey(NamedTuple):
 
     def __str__(self) -> str:
         arrow = f'{self.observer}->{self.target}' if self.target else self.observer
-        return f'{self.kind} {arrow}'
+        return (
+            f'{self.kind} {arrow}-{self.reference}' if self.reference else f'{self.kind} {arrow}'
+        )
 
 
 Conflict: TypeAlias = tuple[LinkKey, ...]
@@ -65,6 +76,8 @@ Conflict: TypeAlias = tuple[LinkKey, ...]
 class DistanceReading:
     """
     Bounds of the distance of two points at one time; in the plane, of their projections on it.
+
+    Those of a range difference are of the difference of two distances, in space.
 
     Parameters
     ----------
@@ -183,6 +196,7 @@ class RejectionReason(Enum):
     INVALID_ODOMETRY = 'invalid_odometry'
     INVALID_ELEVATION = 'invalid_elevation'
     INVALID_PEER = 'invalid_peer'
+    SEVERAL_BODIES = 'several_bodies'
     STUCK = 'stuck'
 
 

@@ -10,6 +10,8 @@ distance, its direction a ray. Both are half-spaces of w, or are bounded by one 
 
 - |w| <= d: u.w <= d for every unit vector u;
 - |w| >= d: within a box, w strays from u's line by T at most, and (u.w)^2 >= d^2 - T^2;
+- |w| - |r| within bounds, with r the way to another point of the body of w's end: |w| is at least
+  u.w, and at most T^2 / (2 |w|) more for the direction u of w from which it strays by T;
 - w within an angle eta of a unit vector n: (sin(eta) n + cos(eta) t).w >= 0 for every unit vector
   t perpendicular to n (eta < pi/2), where n and t turn with the body that measured the ray.
 
@@ -56,10 +58,13 @@ RAY, ACROSS, UPRIGHT = 14, 17, 20
 RAY_SINE, RAY_COSINE, OBSERVER = 23, 24, 25
 A_RADIUS, B_RADIUS, ERROR_RADIUS, TERMS = 26, 27, 28, 29
 A_BODY, B_BODY, GROUP = 30, 31, 32
-COLUMNS = 33
+REFERENCE, REFERENCE_ERROR = 33, 36
+LEAST, MOST, HEARD_BY = 39, 40, 41
+REFERENCE_RADIUS, REFERENCE_ERROR_RADIUS = 42, 43
+COLUMNS = 44
 
 NO_RAY, BY_A, BY_B = 0.0, 1.0, 2.0
-"""Who measured the ray of a reading."""
+"""Who measured the ray of a reading, or the difference of two distances."""
 
 # Between these lengths a normalized vector has length 1 to within a few units, and nothing
 # overflows. Longer ones say nothing.
@@ -246,6 +251,87 @@ def _cut_ray(
 
 
 @kernel(inlined=True)
+def _bent(norm: float, stray: float) -> float:
+    """Bound |v| - u.v, where v strays by `stray` from u times `norm`."""
+    if stray < 2.0 * norm:
+        return up(up(square_up(stray) / norm) * 0.5)
+    return 2.0 * stray
+
+
+@kernel(inlined=True)
+def _cut_difference(
+    faces: np.ndarray,
+    smear: np.ndarray,
+    box: np.ndarray,
+    view: np.ndarray,
+    bodies: tuple[int, int],
+    row: np.ndarray,
+    w: np.ndarray,
+) -> int:
+    """
+    Cut off where the difference of two distances is not the measured one.
+
+    With unit vectors u and v along the ways to the target and to the reference at the center of
+    the box, it is that of u.(way to the target) and v.(way to the reference), up to `_bent`.
+    """
+    by_a = row[HEARD_BY] == BY_A
+    observer, far = bodies if by_a else (bodies[1], bodies[0])
+    sign = 1.0 if by_a else -1.0
+    turned_observer, turned_target = (TURNED_A, TURNED_B) if by_a else (TURNED_B, TURNED_A)
+    error_observer, error_target = (A_ERROR, B_ERROR) if by_a else (B_ERROR, A_ERROR)
+    target, radius = (B, A_RADIUS) if by_a else (A, B_RADIUS)
+    cosine, sine = view[far, COSINE], view[far, SINE]
+    x = cosine * row[REFERENCE] - sine * row[REFERENCE + 1]
+    y = sine * row[REFERENCE] + cosine * row[REFERENCE + 1]
+    vx = sign * w[W] + x - w[turned_target]
+    vy = sign * w[W + 1] + y - w[turned_target + 1]
+    vz = sign * w[W + 2] + row[REFERENCE + 2] - row[target + 2]
+    norm, reference = w[NORM], math.sqrt(vx * vx + vy * vy + vz * vz)
+    if not (_SHORTEST < norm < _LONGEST and _SHORTEST < reference < _LONGEST):
+        spread(smear, view, bodies, (1.0, 1.0, 1.0, row[A_RADIUS], row[B_RADIUS]))
+        return UNDECIDED
+    ux, uy, uz = sign * w[W] / norm, sign * w[W + 1] / norm, sign * w[W + 2] / norm
+    vx, vy, vz = vx / reference, vy / reference, vz / reference
+    cx, cy, cz = ux - vx, uy - vy, uz - vz
+    half_observer, half_far = view[observer, HALF + YAW], view[far, HALF + YAW]
+    value_observer = -cx * w[turned_observer] - cy * w[turned_observer + 1]
+    slope_observer = cx * w[turned_observer + 1] - cy * w[turned_observer]
+    value_far = ux * w[turned_target] + uy * w[turned_target + 1] - vx * x - vy * y
+    slope_far = uy * w[turned_target] - ux * w[turned_target + 1] - vy * x + vx * y
+    if by_a:
+        slopes = (cx, cy, cz, slope_observer, slope_far)
+    else:
+        slopes = (-cx, -cy, -cz, slope_far, slope_observer)
+    reach = reach_of(view, bodies, slopes)
+    data = _error_along(view[observer], row, error_observer, cx, cy, cz)
+    data += _error_along(view[far], row, error_target, ux, uy, uz)
+    data += _error_along(view[far], row, REFERENCE_ERROR, vx, vy, vz)
+    below = data + beyond_first_order(half_observer, value_observer, slope_observer)
+    below += beyond_first_order(half_far, value_far, slope_far)
+    above = data + beyond_first_order(half_observer, -value_observer, -slope_observer)
+    above += beyond_first_order(half_far, -value_far, -slope_far)
+    ball = view[observer, RADIUS] + view[far, RADIUS] + row[radius] * half_observer
+    ball += row[REFERENCE_RADIUS] * half_far + row[REFERENCE_ERROR_RADIUS]
+    bent = _bent(norm, with_error(w[BALL] + row[ERROR_RADIUS], w[MAGNITUDE]))
+    bent_reference = _bent(reference, with_error(ball, w[MAGNITUDE]))
+    along, least, most = norm - reference, row[LEAST], row[MOST]
+    wide = along + reach + above + bent <= most + data
+    if wide and along - reach - below - bent_reference >= least - data:
+        return SETTLED
+    if w[BALL] < norm and ball < reference:
+        spread(smear, view, bodies, slopes)
+    else:
+        spread(smear, view, bodies, (1.0, 1.0, 1.0, row[A_RADIUS], row[B_RADIUS]))
+    room = with_error(most - along + below + bent_reference, w[MAGNITUDE] + abs(most))
+    if cut(faces, box, view, bodies, reach, slopes, room):
+        return RULED_OUT
+    sx, sy, sz, slope_a, slope_b = slopes
+    slopes = (-sx, -sy, -sz, -slope_a, -slope_b)
+    room = with_error(along - least + above + bent, w[MAGNITUDE] + abs(least))
+    return RULED_OUT if cut(faces, box, view, bodies, reach, slopes, room) else UNDECIDED
+
+
+@kernel(inlined=True)
 def _place(view: np.ndarray, bodies: tuple[int, int], row: np.ndarray, w: np.ndarray) -> None:
     """Write the vector w at the center of the box, and what goes with it."""
     a, b = view[bodies[0]], view[bodies[1]]
@@ -288,6 +374,9 @@ def cut_box(
         result = _cut_distance(faces, smear, box, view, bodies, row, w)
     if row[OBSERVER] != NO_RAY and result != RULED_OUT:
         state = _cut_ray(faces, smear, box, view, bodies, row, w)
+        result = state if state != SETTLED else result
+    if row[HEARD_BY] != NO_RAY and result != RULED_OUT:
+        state = _cut_difference(faces, smear, box, view, bodies, row, w)
         result = state if state != SETTLED else result
     for axis in range(box.shape[1]):
         if faces[LOW, axis] > faces[HIGH, axis]:

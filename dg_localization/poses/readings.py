@@ -98,8 +98,9 @@ class PairReadings:
     """
     Observations between a point of body A and a point of body B, carried to now.
 
-    An observation is what one sensor said of one target at one time: a distance, a ray, or both.
-    They are wrong together or not at all.
+    An observation is what one sensor said of one target at one time: a distance, a ray, or both,
+    which are wrong together or not at all; or by how much its distance to the target exceeds that
+    to a reference on the body of the target.
 
     Parameters
     ----------
@@ -112,7 +113,11 @@ class PairReadings:
     ray_errors_rad : numpy.ndarray, shape (m,)
         Greatest angles to the true direction; from pi/2 on they say nothing.
     seen_by_b : numpy.ndarray of bool, shape (m,)
-        Whether B measured the ray, not A.
+        Whether B measured the ray or the difference, not A.
+    references_m : Interval, shape (m, 3)
+        The references in the level frames of their bodies now.
+    difference_m : Interval, shape (m,)
+        [-inf, inf] where none was measured.
 
     """
 
@@ -122,6 +127,8 @@ class PairReadings:
     rays: np.ndarray
     ray_errors_rad: np.ndarray
     seen_by_b: np.ndarray
+    references_m: Interval
+    difference_m: Interval
 
     @classmethod
     def of(
@@ -132,6 +139,8 @@ class PairReadings:
         rays: ArrayLike | None = None,
         ray_errors_rad: ArrayLike | None = None,
         seen_by_b: ArrayLike = False,
+        references_m: Interval | None = None,
+        difference_m: Interval | None = None,
     ) -> Self:
         """
         Return readings where what is left out was not measured.
@@ -153,6 +162,8 @@ class PairReadings:
             np.asarray(rays, dtype=float),
             nothing[1] if ray_errors_rad is None else np.asarray(ray_errors_rad, dtype=float),
             np.broadcast_to(np.asarray(seen_by_b, dtype=bool), count),
+            points_a_m if references_m is None else references_m,
+            Interval(-nothing[1], nothing[1]) if difference_m is None else difference_m,
         )
         readings._check()
         return readings
@@ -164,6 +175,8 @@ class PairReadings:
             ('points_a_m', 3),
             ('points_b_m', 3),
             ('distance_m', None),
+            ('references_m', 3),
+            ('difference_m', None),
         ):
             bounds = getattr(self, name)
             shape = (count,) if width is None else (count, width)
@@ -192,6 +205,8 @@ class PairReadings:
             self.rays[index],
             self.ray_errors_rad[index],
             self.seen_by_b[index],
+            self.references_m[index],
+            self.difference_m[index],
         )
 
     @cached_property
@@ -214,7 +229,24 @@ class PairReadings:
         table[:, cuts.FARTHEST] = self.distance_m.upper
         table[:, cuts.A_BODY] = 1.0
         self._write_rays(table)
+        self._write_differences(table)
         return table
+
+    def _write_differences(self, table: np.ndarray) -> None:
+        """Fill in the columns of the differences; others have `NO_RAY`."""
+        told = np.flatnonzero(np.isfinite(self.difference_m.upper - self.difference_m.lower))
+        by_b = self.seen_by_b[told]
+        center, half = center_and_half(self.references_m[told])
+        table[told, cuts.REFERENCE : cuts.REFERENCE + 3] = center
+        table[told, cuts.REFERENCE_ERROR : cuts.REFERENCE_ERROR + 3] = half
+        table[told, cuts.TERMS] += (np.abs(center) + half).sum(axis=-1)
+        table[told, cuts.REFERENCE_RADIUS] = norm_up(center[:, :2])
+        errors = [table[told, error : error + 3] for error in (cuts.A_ERROR, cuts.B_ERROR)]
+        own = norm_up(np.where(by_b[:, None], *errors[::-1]))
+        table[told, cuts.REFERENCE_ERROR_RADIUS] = up(own + norm_up(half))
+        table[told, cuts.LEAST] = self.difference_m.lower[told]
+        table[told, cuts.MOST] = self.difference_m.upper[told]
+        table[told, cuts.HEARD_BY] = np.where(by_b, cuts.BY_B, cuts.BY_A)
 
     def _write_rays(self, table: np.ndarray) -> None:
         """Fill in the columns of the rays that say anything; the others have `NO_RAY`."""

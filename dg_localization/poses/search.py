@@ -15,6 +15,7 @@ import numpy as np
 from dg_localization.interval.environment import default_environment
 from dg_localization.poses.cover import WIDEST_YAW_RAD, Cover
 from dg_localization.poses.cuts import B_ERROR, BY_B, GROUP, OBSERVER, B
+from dg_localization.poses.differences import reach_of_differences
 from dg_localization.poses.half_spaces import HIGH, LOW, YAW, Z
 from dg_localization.poses.inversion import COUNT, FIRST, SPENT, examine
 from dg_localization.poses.readings import PairReadings, start_bounds
@@ -140,6 +141,8 @@ def _start_boxes(
 ) -> np.ndarray:
     """Return boxes that hold every pose: where B can be at all, in slices of its yaw."""
     lower, upper = start_bounds(table, max_outliers)
+    near, far = reach_of_differences(table[_spread(len(table))], max_outliers, height_m)
+    lower, upper = np.maximum(lower, near), np.minimum(upper, far)
     lower[Z], upper[Z] = max(lower[Z], height_m[0]), min(upper[Z], height_m[1])
     if np.any(lower > upper):
         return np.empty((0, 2, 4))

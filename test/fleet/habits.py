@@ -7,11 +7,14 @@ from dataclasses import dataclass, field, replace
 import math
 
 from drives import SAMPLE_S, direction
+from listening import listen
 import numpy as np
 
 from dg_localization.fleet import Anchor, ElevationErrorModel, SensorBounds
 
 CLIMBING_M_S = 0.3
+LISTENING = 0.4
+"""In so many histories sensors hear range differences."""
 FORMATIONS = ('none', 'none', 'in line', 'abreast', 'together')
 SPACING_M = 1.5
 ANCHORED_M = (-4.0, 3.0, 8.0, 12.0, 20.0)
@@ -43,7 +46,7 @@ def draw_habits(history, seed):
     # After a reset nothing is known of a robot whose odometry is missing.
     if in_plane and history.config.memory_s > 0.0 and not has_resets(seed):
         history.lies = _draw_lies(history, rng)
-    return history
+    return listen(history, rng) if rng.random() < LISTENING else history
 
 
 def _draw_formation(history, rng):

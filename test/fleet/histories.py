@@ -92,6 +92,7 @@ class History:
         error=None,
         steepest_rad=None,
         cameras=None,
+        ranged=True,
         **settings,
     ):
         """Draw a history of a seed; `mounted` robots have two sensors each."""
@@ -143,10 +144,10 @@ class History:
         history.lost = [draw_lost(rng, count) for _robot in range(robots)]
         history.synchronous = bool(rng.random() < SYNCHRONOUS)
         has_cameras = bool(rng.random() < 0.4)
-        history.measure(seconds, has_cameras if cameras is None else cameras)
+        history.measure(seconds, has_cameras if cameras is None else cameras, ranged)
         return history
 
-    def measure(self, seconds, cameras):
+    def measure(self, seconds, cameras, ranged):
         """List what is measured; each call is (arrival, call of a localizer)."""
         for robot, drive in enumerate(self.drives):
             if self.rng.random() < 0.9:
@@ -159,7 +160,7 @@ class History:
             ]
         places = range(len(self.config.points))
         bodies = [self.body(place) for place in places]
-        pairs = [(i, j) for i in places for j in places if bodies[i] != bodies[j]]
+        pairs = [(i, j) for i in places for j in places if ranged and bodies[i] != bodies[j]]
         for observer, target in pairs:
             if self.rng.random() < 0.3:
                 continue
@@ -178,7 +179,7 @@ class History:
     def _arrival_s(self, time_s):
         return self.start_s + time_s + DELAYS_S[self.rng.integers(3)]
 
-    def _stamp_s(self, point, time_s):
+    def stamp_s(self, point, time_s):
         """Return what the clock of a point shows."""
         body = self.body(point)
         return self.start_s + time_s + (0.0 if body is None else self.clocks_s[body])
@@ -220,7 +221,7 @@ class History:
 
         def call(localizer, now_s):
             reading = self.heights.read_m(robot, time_s, share)
-            stamp_s = self._stamp_s(self.config.points.index(robot), time_s)
+            stamp_s = self.stamp_s(self.config.points.index(robot), time_s)
             return localizer.add_elevation(robot, reading, stamp_s, now_s)
 
         return self._arrival_s(time_s), call
@@ -230,7 +231,7 @@ class History:
         share = self._share()
 
         def call(localizer, now_s):
-            distance = math.hypot(*self._gap(observer, target, time_s))
+            distance = self.distance(observer, target, time_s)
             bounds = self.bounds_of(*names)
             model = bounds.range_error
             absolute = model.min_error_m + share * (model.max_error_m - model.min_error_m)
@@ -244,7 +245,7 @@ class History:
             reading = max(0.01, reading + self.lies.get((observer, target, time_s), 0.0))
             if self.limits:
                 reading = beyond_limits(reading, *self.limits[:2])
-            times_s = self._stamp_s(observer, time_s), now_s
+            times_s = self.stamp_s(observer, time_s), now_s
             return localizer.add_range(*names, reading, *times_s, *self.limits, bounds=bounds)
 
         return self._arrival_s(time_s), call
@@ -272,7 +273,7 @@ class History:
             mount = self.config.sensors.get(names[0])
             if mount is not None:
                 rotation = rotation @ rotation_of_quaternion(np.array(mount.rotation_xyzw))
-            times_s = self._stamp_s(observer, time_s), now_s
+            times_s = self.stamp_s(observer, time_s), now_s
             return localizer.add_bearing(*names, rotation.T @ gap, *times_s, bounds)
 
         return self._arrival_s(time_s), call
@@ -280,6 +281,10 @@ class History:
     def bounds_of(self, observer, target):
         """Return the error bounds of what one point measures of another, by their names."""
         return self.bounds.get((observer, target), self.config.sensor_bounds)
+
+    def distance(self, observer, target, time_s):
+        """Return how far one point is from another, in space."""
+        return math.hypot(*self._gap(observer, target, time_s))
 
     def _gap(self, observer, target, time_s):
         """Return the way in space from one point to another."""

@@ -3,6 +3,7 @@
 
 """Round trips through real messages, and through CDR, without a node."""
 
+from dataclasses import replace
 import math
 from types import SimpleNamespace
 
@@ -63,6 +64,11 @@ PEERS_READING = PeersReading(
     np.array([[0.1, 0.2, 0.3], [1.0, 0.0, 0.0], [np.nan, np.nan, np.nan]]),
     'robot_2/base_link',
 )
+HEARD_READING = replace(
+    PEERS_READING,
+    references=np.array([2, 0, 2**32 - 1]),
+    differences_m=np.array([-1.25, np.nan, 0.5]),
+)
 POSE_LIST = PoseList(
     9.0, 'map', np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]), np.array([QUATERNION, QUATERNION])
 )
@@ -94,6 +100,7 @@ VALUES = [
     (ODOMETRY, ODOMETRY_READING),
     (ELEVATION, ElevationReading(6.25, -12.5, 'map')),
     (PEERS, PEERS_READING),
+    (PEERS, HEARD_READING),
     (CAMERA_INFO, CameraReading(3.5, 'cam_optical_frame', (400.0, 410.0), (320.5, 240.5))),
     (POSE_ARRAY, POSE_LIST),
     (POSE, UNCERTAIN_POSE),

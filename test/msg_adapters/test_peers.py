@@ -12,7 +12,7 @@ from msg_adapters.peers import peers_from_message
 
 DATATYPES = {'i1': 1, 'u1': 2, 'i2': 3, 'u2': 4, 'i4': 5, 'u4': 6, 'f4': 7, 'f8': 8}
 ROWS = {'peer': [2, 0, 5], 'range': [1.5, np.nan, 2.5], 'x': [np.nan, 1.0, 0.0]}
-ROWS.update(y=ROWS['x'], z=ROWS['x'])
+ROWS.update(y=ROWS['x'], z=ROWS['x'], reference=[5, 2, 0], range_difference=[-0.5, np.nan, 8.0])
 
 
 def cloud(formats, order='<', height=1, row_padding=0):
@@ -82,6 +82,17 @@ def test_ranges_alone_and_rays_alone_are_enough():
     assert_rows(peers_from_message(cloud(rays)), ranges=False)
 
 
+@pytest.mark.parametrize('others', [{}, {'range': 'f8'}])
+def test_range_differences_alone_are_enough(others):
+    formats = {'peer': 'u2', 'reference': 'u1', 'range_difference': 'f4', **others}
+    reading = peers_from_message(cloud(formats))
+    assert_rows(reading, ranges=bool(others), rays=False)
+    assert reading.references.tolist() == ROWS['reference']
+    np.testing.assert_array_equal(reading.differences_m, ROWS['range_difference'])
+    reading = peers_from_message(cloud({'peer': 'u4', 'range': 'f4'}))
+    assert reading.references is None and reading.differences_m is None
+
+
 def test_organized_cloud_with_padded_rows_is_read_row_by_row():
     message = cloud({'peer': 'u4', 'range': 'f4'}, height=3, row_padding=5)
     assert_rows(peers_from_message(message), rays=False)
@@ -104,6 +115,8 @@ RANGES = {'peer': 'u4', 'range': 'f4'}
         ({'range': 'f4'}, {}, r"fields \['range'\] are not enough, there must be 'peer'"),
         ({'peer': 'u4'}, {}, r"fields \['peer'\] are not enough"),
         ({'peer': 'u4', 'x': 'f4', 'y': 'f4'}, {}, 'not enough'),
+        ({'peer': 'u4', 'range': 'f4', 'reference': 'u4'}, {}, 'not enough'),
+        ({'peer': 'u4', 'range_difference': 'f4'}, {}, "'reference' and 'range_difference'"),
         ({'peer': 'f4', 'range': 'f4'}, {}, "field 'peer' has datatype 7 and count 1"),
         ({'peer': 'u4', 'range': 'i4'}, {}, "field 'range' has datatype 5"),
         ({'peer': 'u8', 'range': 'f4'}, {}, "field 'peer' has datatype 0"),

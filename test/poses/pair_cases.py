@@ -51,8 +51,12 @@ def around(rng, truth, half):
     return Interval(middle - slack, middle + slack)
 
 
-def random_case(seed, *, scale_m=None, liars=0, space=None):
-    """Draw a pair: plane or space, ranges and rays either way, odometry and levers at bounds."""
+def random_case(seed, *, scale_m=None, liars=0, space=None, alone=False):
+    """
+    Draw a pair: plane or space, odometry and levers at bounds.
+
+    There are ranges, rays and range differences either way, or such differences alone.
+    """
     rng = np.random.default_rng(seed)
     scale_m = 10.0 ** rng.uniform(-3.0, 3.0) if scale_m is None else scale_m
     space = bool(rng.random() < 0.4) if space is None else space
@@ -82,12 +86,20 @@ def random_case(seed, *, scale_m=None, liars=0, space=None):
     (stated_a, true_a, points_a), (stated_b, true_b, points_b) = points
     w = truth.position_m + turn(truth.yaw_rad, true_b) - true_a
     distance = scale_m * np.linalg.norm(w / scale_m, axis=-1)
-    readings = PairReadings.of(
-        points_a,
-        points_b,
-        _distances(rng, distance),
-        *_rays(rng, w, truth, poses, (stated_a, stated_b)),
+    stated = stated_a, stated_b
+    distances, rays = _distances(rng, distance), _rays(rng, w, truth, poses, stated)
+    heard = _differences(
+        np.random.default_rng([seed, 5]),
+        scale_m * flat,
+        truth,
+        poses,
+        stated,
+        (true_a, true_b),
+        rays[2],
     )
+    if alone:
+        distances, rays = None, (None, None, rays[2])
+    readings = PairReadings.of(points_a, points_b, distances, *rays, *heard)
     readings = _with_lies(rng, readings, liars, scale_m)
     height = truth.position_m[2]
     slack = 1e-9 * scale_m
@@ -102,6 +114,33 @@ def _distances(rng, distance):
     return Interval(
         np.where(unknown, 0.0, np.maximum(bounds.lower, 0.0)),
         np.where(unknown, math.inf, bounds.upper),
+    )
+
+
+def _differences(rng, spread_m, truth, poses, stated, points, by_b):
+    """Return references on the body of the target, and bounds of some differences."""
+    (true_a, true_b), count = points, len(by_b)
+    arms = rng.normal(size=(count, 3)) * rng.choice([0.1, 2.0]) * spread_m
+    bounds = around(rng, arms, rng.choice([0.0, 0.02]) * spread_m * np.ones((count, 1)))
+    true = [positions + turn(yaws, arms) for positions, yaws in poses]
+    now = [body.points_now(bounds) for body in stated]
+    on_b = truth.position_m + turn(truth.yaw_rad, true_b)
+    on_b_too = truth.position_m + turn(truth.yaw_rad, true[1])
+    to_target, from_a, from_b = (
+        # Squares of these may be out of the range of numbers.
+        spread_m[0] * np.linalg.norm((first - second) / spread_m[0], axis=-1)
+        for first, second in ((on_b, true_a), (on_b_too, true_a), (on_b, true[0]))
+    )
+    apart = to_target - np.where(by_b, from_b, from_a)
+    # What the lengths are rounded by is no part of their difference.
+    known = around(rng, apart, rng.choice([0.0, 0.02, 0.3]) * spread_m[0] + 1e-12 * to_target)
+    unknown = rng.random(count) < 0.3
+    references = Interval(
+        np.where(by_b[:, None], now[0].lower, now[1].lower),
+        np.where(by_b[:, None], now[0].upper, now[1].upper),
+    )
+    return references, Interval(
+        np.where(unknown, -math.inf, known.lower), np.where(unknown, math.inf, known.upper)
     )
 
 
@@ -139,6 +178,8 @@ def _with_lies(rng, readings, liars, scale_m):
     rays = readings.rays.copy()
     lies = rng.uniform(0.0, 5.0, len(chosen)) * scale_m
     lower[chosen], upper[chosen] = lies, lies * 1.05
+    lie = np.zeros(len(readings))
+    lie[chosen] = lies
     rays[chosen] = rng.normal(size=(len(chosen), 3)) * [1.0, 1.0, 0.0]
     return PairReadings.of(
         readings.points_a_m,
@@ -147,4 +188,6 @@ def _with_lies(rng, readings, liars, scale_m):
         rays,
         readings.ray_errors_rad,
         readings.seen_by_b,
+        readings.references_m,
+        Interval(readings.difference_m.lower + lie, readings.difference_m.upper + lie),
     )

@@ -29,7 +29,16 @@ def random_reading(rng, kind, space):
     a, b = rng.normal(size=(2, 1, 3)) * 3.0 * flat
     error = rng.choice([0.0, 0.3], size=2)[:, None] * flat
     points = [Interval(p - e, p + e) for p, e in zip((a, b), error, strict=True)]
-    if kind == 'distance':
+    if 'difference' in kind:
+        reference = rng.normal(size=(1, 3)) * 3.0 * flat
+        low = rng.uniform(-3.0, 3.0, 1)
+        readings = PairReadings.of(
+            *points,
+            seen_by_b=kind == 'difference of B',
+            references_m=Interval.point(reference),
+            difference_m=Interval(low, low + rng.choice([0.01, 1.0])),
+        )
+    elif kind == 'distance':
         low = rng.uniform(0.0, 6.0, 1)
         readings = PairReadings.of(*points, Interval(low, low + rng.choice([0.01, 1.0])))
     else:
@@ -43,8 +52,17 @@ def random_reading(rng, kind, space):
     return readings, (a, b), error
 
 
-def agrees(readings, kind, w, yaw):
-    """Return which of some vectors between the points agree with a reading."""
+def agrees(readings, kind, w, yaw, points):
+    """Return which of some vectors between the points, which are given, agree with a reading."""
+    if 'difference' in kind:
+        a, b = points
+        reference = readings.references_m.lower
+        if kind == 'difference of B':
+            other = w + a - reference
+        else:
+            other = w + turn(yaw, reference - b)
+        apart = np.linalg.norm(w, axis=-1) - np.linalg.norm(other, axis=-1)
+        return (readings.difference_m.lower <= apart) & (apart <= readings.difference_m.upper)
     if kind == 'distance':
         length = np.linalg.norm(w, axis=-1)
         return (readings.distance_m.lower <= length) & (length <= readings.distance_m.upper)
@@ -54,7 +72,9 @@ def agrees(readings, kind, w, yaw):
     return np.arccos(np.clip(cosine, -1.0, 1.0)) <= readings.ray_errors_rad[0]
 
 
-@pytest.mark.parametrize('kind', ['distance', 'ray of A', 'ray of B'])
+@pytest.mark.parametrize(
+    'kind', ['distance', 'ray of A', 'ray of B', 'difference of A', 'difference of B']
+)
 def test_no_pose_that_agrees_is_cut_off(kind):
     cuts, tested = 0, 0
     for seed in range(600):
@@ -71,7 +91,7 @@ def test_no_pose_that_agrees_is_cut_off(kind):
         poses = middle + where * size
         off = [np.sign(rng.normal(size=(SAMPLES, 3))) * e for e in error]
         w = poses[:, :3] + turn(poses[:, 3], b + off[1]) - a - off[0]
-        good = agrees(readings, kind, w, poses[:, 3])
+        good = agrees(readings, kind, w, poses[:, 3], (a + off[0], b + off[1]))
         kept = np.all((faces[LOW] <= poses) & (poses <= faces[HIGH]), axis=-1)
         assert state != RULED_OUT or not np.any(good), seed
         assert np.all(kept[good]), seed

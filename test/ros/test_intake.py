@@ -40,6 +40,40 @@ def localizer():
     return Localizer(FleetConfig(robots=('a', 'b'), anchors=anchors))
 
 
+def heard(*rows):
+    """Return a message of rows of (reference, peer, difference), without ranges."""
+    references, peers, differences_m = zip(*rows, strict=True)
+    unknown = np.full((len(rows), 3), math.nan)
+    reading = PeersReading(
+        NOW_S,
+        np.array(peers),
+        unknown[:, 0],
+        unknown,
+        references=np.array(references),
+        differences_m=np.array(differences_m),
+    )
+    return adapter_for(CLOUD).to_message(reading)
+
+
+def test_range_differences_come_with_peers():
+    anchors = {name: Anchor((x, 0.0)) for name, x in (('p', 0.0), ('q', 5.0))}
+    localizer = Localizer(FleetConfig(robots=('a', 'b'), anchors=anchors))
+    link = replace(CLOUDS, overrides={'difference_min_error': -0.1, 'difference_max_error': 0.3})
+    rows = (2, 3, 1.5), (3, 2, math.nan), (2, 9, 1.0), (1, 2, 1.0)
+    intake, data = Intake(localizer, True), serialize_message(heard(*rows))
+    rejection = intake.take(link, data, NOW_S)
+    assert rejection.reason is RejectionReason.UNKNOWN_ROBOT
+    states = {str(s.key): (s.accepted, s.rejected) for s in localizer.input_states(NOW_S)}
+    assert states == {
+        'peers a': (1, {RejectionReason.UNKNOWN_ROBOT: 1, RejectionReason.SEVERAL_BODIES: 1}),
+        'range_difference a->q-p': (1, {}),
+        'range_difference a->peer beyond 3-p': (0, {RejectionReason.UNKNOWN_ROBOT: 1}),
+        'range_difference a->p-b': (0, {RejectionReason.SEVERAL_BODIES: 1}),
+    }
+    (seen,) = localizer.snapshot(NOW_S).window.observations['a', 'q', 'p']
+    assert (seen.least_m, seen.most_m) == pytest.approx((1.2, 1.6))
+
+
 def take(localizer, link, message, use_header_stamp=False):
     """Take a message, or its bytes; return what is counted of the topic."""
     intake = Intake(localizer, use_header_stamp)

@@ -151,7 +151,11 @@ def test_every_file_and_example_of_a_page_gives_settings(name):
         ('elevations.names', ['a'], r'elevations.a: \(\) is not allowed'),
         ('links', ['/t+ sensor_msgs/msg/Range a b'], r"'/t\+' is no topic name"),
         ('links', ['/t nav_msgs/msg/Odometry a b'], 'takes no target'),
-        ('links', ['/t sensor_msgs/msg/PointCloud2 a x=1'], 'half_width, roll, pitch, yaw'),
+        (
+            'links',
+            ['/t sensor_msgs/msg/PointCloud2 a x=1'],
+            'half_width, difference_min_error, difference_max_error, roll, pitch, yaw',
+        ),
         ('links', ['/t nav_msgs/msg/Odometry a yaw=1'], 'an odometry link allows stamp_offset'),
         ('links', ['/t'], "it must read 'TOPIC TYPE OBSERVER"),
         ('links', ['/t gps_msgs/msg/Fix a b'], "type 'gps_msgs/msg/Fix' is no input; .*Range"),

@@ -248,7 +248,11 @@ def _readings(
     # How a parked robot is turned, and so where its sensors are, is not known.
     sensors_at_rest = {end for end in config.sensors if config.robot_of(end) in fixed}
     rows, ends = [], dict[Ends, frozenset[int]]()
-    for (observer, target), seen in snapshot.window.observations.items():
+    for points, seen in snapshot.window.observations.items():
+        if len(points) > 2:
+            # A term has two ends, a range difference three.
+            continue
+        observer, target = points
         on_bodies = [config.robot_of(end) for end in (observer, target)]
         both = {*on_bodies}
         if not both <= ways.keys() | fixed or both <= fixed:

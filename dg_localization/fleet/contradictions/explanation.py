@@ -160,4 +160,6 @@ def _suspect(observer: str, target: str, observation: Observation) -> Suspect:
         measures.append(LinkKind.BEARING)
     if observation.has_distance:
         measures.append(LinkKind.RANGE)
+    if observation.reference:
+        measures.append(LinkKind.RANGE_DIFFERENCE)
     return Suspect(SuspectKind.OBSERVATION, observer, target, tuple(measures), observation.stamp_s)

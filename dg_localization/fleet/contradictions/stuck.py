@@ -99,7 +99,7 @@ class StuckWatch:
         if found.motion == UNKNOWN_MOTION and found.times < UNKNOWN_MOTION_FACTOR * least:
             return ''
         numbers = ' '.join(repr(number) for number in found.value)
-        value = f'{numbers} m' if key.kind is LinkKind.RANGE else f'the ray ({numbers})'
+        value = f'the ray ({numbers})' if key.kind is LinkKind.BEARING else f'{numbers} m'
         return (
             f'stuck: {found.times} readings in a row are {value}, since {found.since_s:.3f} s, '
             f'{found.motion}'

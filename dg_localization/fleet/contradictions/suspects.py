@@ -74,7 +74,11 @@ class Suspect:
         return f"{self.name}'s {' and '.join(_SENSOR_NAMES[kind] for kind in self.measures)}"
 
 
-_SENSOR_NAMES = {LinkKind.BEARING: 'camera', LinkKind.RANGE: 'ranging'}
+_SENSOR_NAMES = {
+    LinkKind.BEARING: 'camera',
+    LinkKind.RANGE: 'ranging',
+    LinkKind.RANGE_DIFFERENCE: 'range differences',
+}
 
 Suspects: TypeAlias = frozenset[Suspect]
 Links: TypeAlias = frozenset[LinkKey]

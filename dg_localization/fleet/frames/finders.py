@@ -72,7 +72,7 @@ def fit_with_past(
     What a robot measured before counts where its rotation is known: it is fitted to rays, or its
     heading is known otherwise, by its sensors or by the window. `constraints` are those of all
     points of the fleet, `alone` the plans with one hypothesis. The placement stays as it is where
-    nothing is remembered.
+    nothing is remembered that a fit could use, and robots are measured now.
     """
     if snapshot.config.dimension != 2 or placement.dropped:
         return placement
@@ -85,8 +85,14 @@ def fit_with_past(
     }
     finder = finder_of(snapshot, solved, plan)
     past = past_of(snapshot, solved, {*plan.held, *finder.turning, *yaws_rad})
-    if past is None:
+    if past is None and (snapshot.keys or plan.frame.kind is not FrameKind.ANCHORS):
         return placement
+    if past is None:
+        # Pose sets alone know these robots, and no pose of theirs is likelier than the middle.
+        low_m, high_m = placement.enclosure_m[:, 0], placement.enclosure_m[:, 1]
+        known, middle_m = np.isfinite(high_m - low_m), 0.5 * (low_m + high_m)
+        positions_m = np.where(known, middle_m, placement.positions_m)
+        return replace(placement, positions_m=positions_m, proved=False)
     # The enclosure of a hypothesis may hold points of another one.
     among = None if plan in alone else _squared_bounds(solved.problem(), points, placement)
     if among and np.any(among[0] > among[1]):

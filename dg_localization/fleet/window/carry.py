@@ -38,6 +38,9 @@ WORLD = -1
 Pair = tuple[int, int]
 """Two bodies, the smaller index first: the world before any robot."""
 
+Row = tuple[Observation, bool, tuple[int, int], tuple[int, int]]
+"""An observation, whether the second body made it, and its points without and with a reference."""
+
 AHEAD = np.array([1.0, 0.0, 0.0])
 
 
@@ -49,30 +52,39 @@ class Tilt(NamedTuple):
 
 
 class Table(NamedTuple):
-    """Observations of a pair as arrays, newest first; points are those of its two bodies."""
+    """
+    Observations of a pair as arrays, newest first; points are those of its two bodies.
+
+    The references are the same, but with that of a range difference in place of the target.
+    """
 
     observations: NDArray[Any]
     stamps_s: NDArray[np.float64]
     seen_by_second: NDArray[np.bool_]
     points: NDArray[np.int64]
+    references: NDArray[np.int64]
     lower_m: NDArray[np.float64]
     upper_m: NDArray[np.float64]
     rays: NDArray[np.float64]
     errors_rad: NDArray[np.float64]
+    least_m: NDArray[np.float64]
+    most_m: NDArray[np.float64]
 
     @classmethod
-    def of(cls, rows: Sequence[tuple[Observation, bool, tuple[int, int]]], pair: Pair) -> Table:
+    def of(cls, rows: Sequence[Row], pair: Pair) -> Table:
         """Return a table of observations; how an anchor is turned is not known."""
         observations = np.empty(len(rows), object)
         observations[:] = [row[0] for row in rows]
         by_second = np.array([row[1] for row in rows])
-        stamps_s, lower_m, upper_m, errors_rad = np.array(
+        stamps_s, lower_m, upper_m, errors_rad, least_m, most_m = np.array(
             [
                 (
                     one.stamp_s,
                     one.lower_m,
                     one.upper_m,
                     NO_RAY_RAD if one.direction is None else one.half_width_rad,
+                    one.least_m,
+                    one.most_m,
                 )
                 for one in observations
             ]
@@ -82,10 +94,25 @@ class Table(NamedTuple):
         rays = np.array(
             [AHEAD if one.direction is None else one.direction for one in observations]
         )
-        points = np.array([row[2] for row in rows])
+        points, references = (np.array([row[k] for row in rows]) for k in (2, 3))
         return cls(
-            observations, stamps_s, by_second, points, lower_m, upper_m, rays, errors_rad
+            observations,
+            stamps_s,
+            by_second,
+            points,
+            references,
+            lower_m,
+            upper_m,
+            rays,
+            errors_rad,
+            least_m,
+            most_m,
         ).some(np.argsort(-stamps_s, kind='stable'))
+
+    @property
+    def differences(self) -> NDArray[np.intp]:
+        """The rows that are range differences."""
+        return np.flatnonzero(np.isfinite(self.most_m))
 
     def some(self, index: slice | NDArray[np.int64]) -> Table:
         """Return some of the rows."""
@@ -105,14 +132,19 @@ class CarriedWindow:
     ) -> None:
         self._config, self._now_s, self._motion, self._anchors = config, now_s, motion, anchors
         self._index = {name: i for i, name in enumerate(config.points)}
-        rows: dict[Pair, list[tuple[Observation, bool, tuple[int, int]]]] = {}
-        for (observer, target), seen in window.observations.items():
+        rows: dict[Pair, list[Row]] = {}
+        for (observer, target, *reference), seen in window.observations.items():
             pair = self._pair_of(observer, target)
             if pair is not None:
                 by_second = self._body_of(observer) == pair[1]
-                ends = (target, observer) if by_second else (observer, target)
-                points = self._index[ends[0]], self._index[ends[1]]
-                rows.setdefault(pair, []).extend((one, by_second, points) for one in seen)
+                own, *others = (self._index[p] for p in (observer, target, *reference))
+                points, references = (
+                    (other, own) if by_second else (own, other)
+                    for other in (others[0], others[-1])
+                )
+                rows.setdefault(pair, []).extend(
+                    (one, by_second, points, references) for one in seen
+                )
         self._tables = {pair: Table.of(some, pair) for pair, some in sorted(rows.items())}
         self._paths: dict[int, OdometryPath] = {}
         observing = {body for pair in self._tables for body in pair} - {WORLD}
@@ -215,16 +247,21 @@ class CarriedWindow:
             return False
         seen, in_plane = self._tables[pair].some(chosen), self._config.dimension == 2
         by_second = seen.seen_by_second[:, None]
+        heard = seen.some(seen.differences)
         ranges = np.unique(seen.points[np.isfinite(seen.upper_m)], axis=0)
         sights = np.unique(
             np.hstack([seen.points, by_second])[seen.errors_rad < 0.5 * math.pi], axis=0
         )
-        points = np.concatenate([ranges[:, 0], sights[:, 0]])
+        # Of k points that a sensor hears, k - 1 differences are independent.
+        beacons = np.unique(np.concatenate([heard.points, heard.references]), axis=0)
+        sensors = np.unique(heard.points[heard.points == heard.references])
+        points = np.concatenate([ranges[:, 0], sights[:, 0], beacons[:, 0]])
         if pair[0] == WORLD:
             # Those above each other are as one: a turn about the upright axis.
             points = self._places.lower[points, :2]
         apart = len(np.unique(points, axis=0)) > 1 or bool(np.any(sights[:, 2] == 0))
         count = len(ranges) + len(sights) * (1 if in_plane else 2)
+        count += len(beacons) - len(sensors)
         return apart and count >= (3 if in_plane else 4)
 
     def sources(self, pair: Pair) -> list[tuple[str, str, Observation]]:
@@ -259,24 +296,32 @@ class CarriedWindow:
         else:
             seen = seen.some(slice(count))
         past = self._on_tracks if on_tracks else self._poses
-        poses = self._of(second, seen, past)
-        first_points, second_points = seen.points.T
+        poses, other = self._of(second, seen, past), None
         rays, errors_rad = poses.rays_now(*self._leveled_rays(second, seen))
-        if first == WORLD:
-            places = self._places[first_points]
-        else:
+        by_second = seen.seen_by_second
+        if first != WORLD:
             other = self._of(first, seen, past)
             others_rays, others_errors_rad = other.rays_now(*self._leveled_rays(first, seen))
-            rays = np.where(seen.seen_by_second[:, None], rays, others_rays)
-            errors_rad = np.where(seen.seen_by_second, errors_rad, others_errors_rad)
-            places = self._points(first_points, seen.stamps_s, other)
+            rays = np.where(by_second[:, None], rays, others_rays)
+            errors_rad = np.where(by_second, errors_rad, others_errors_rad)
+        bodies = ((0, other), (1, poses))
+        places = [self._placed(seen, seen.points, *body) for body in bodies]
+        references = None
+        if len(seen.differences):
+            of_first, of_second = (self._placed(seen, seen.references, *body) for body in bodies)
+            references = Interval(
+                np.where(by_second[:, None], of_first.lower, of_second.lower),
+                np.where(by_second[:, None], of_first.upper, of_second.upper),
+            )
         return PairReadings.of(
-            places,
-            self._points(second_points, seen.stamps_s, poses),
+            places[0],
+            places[1],
             Interval(seen.lower_m, seen.upper_m),
             rays,
             errors_rad,
-            seen.seen_by_second,
+            by_second,
+            references,
+            Interval(seen.least_m, seen.most_m),
         )
 
     def off_tracks(self, pair: Pair, cover: Cover) -> Cover:
@@ -359,6 +404,21 @@ class CarriedWindow:
         lower, upper = np.zeros((2, len(self._config.points), 3))
         for point, box in self._anchors.boxes.items():
             lower[point, : box.lower.size], upper[point, : box.upper.size] = box.lower, box.upper
+        return Interval(lower, upper)
+
+    def _placed(
+        self, seen: Table, points: NDArray[np.int64], end: int, poses: PastPoses | None
+    ) -> Interval:
+        """Return points of one end, shape (m, 3), by past poses of its body, or of the world."""
+        own = points[:, end]
+        places = self._places[own] if poses is None else self._points(own, seen.stamps_s, poses)
+        if not self._config.elevations_m:
+            return places
+        # Ranges in the plane are of it already, differences are in space.
+        raised, names = seen.differences, self._config.points
+        heights_m = np.array([self._config.elevation_m(names[point]) for point in own[raised]])
+        lower, upper = places.lower.copy(), places.upper.copy()
+        lower[raised, 2], upper[raised, 2] = heights_m.reshape(-1, 2).T
         return Interval(lower, upper)
 
     def _points(

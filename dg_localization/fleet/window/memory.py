@@ -8,6 +8,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from itertools import chain
 import math
 from operator import attrgetter
 from types import MappingProxyType
@@ -52,6 +53,10 @@ class Observation:
         Its likeliest error about the vertical axis.
     likeliest_m : float
         The likeliest distance; NaN where none was measured.
+    reference : str
+        Another point, of a range difference; empty where none was measured.
+    least_m, most_m : float
+        Bounds of the distance to the target minus that to the reference.
 
     """
 
@@ -62,6 +67,9 @@ class Observation:
     half_width_rad: float = math.inf
     expected_error_rad: float = 0.0
     likeliest_m: float = math.nan
+    reference: str = ''
+    least_m: float = -math.inf
+    most_m: float = math.inf
 
     @property
     def has_distance(self) -> bool:
@@ -70,6 +78,9 @@ class Observation:
 
     def joined(self, reading: DistanceReading | RayReading) -> Observation:
         """Return the observation with a reading of the same time."""
+        if isinstance(reading, DistanceReading) and reading.key.reference:
+            least_m, most_m, reference = reading.lower_m, reading.upper_m, reading.key.reference
+            return replace(self, reference=reference, least_m=least_m, most_m=most_m)
         if isinstance(reading, DistanceReading):
             lower_m = max(self.lower_m, reading.lower_m)
             upper_m = min(self.upper_m, reading.upper_m)
@@ -92,25 +103,27 @@ class Window:
 
     Parameters
     ----------
-    observations : mapping of (str, str) to tuple of Observation
-        By observer and target.
+    observations : mapping of tuple of str to tuple of Observation
+        By observer and target, and the reference of range differences.
 
     """
 
-    observations: Mapping[Ends, tuple[Observation, ...]] = field(
+    observations: Mapping[tuple[str, ...], tuple[Observation, ...]] = field(
         default_factory=lambda: MappingProxyType({})
     )
 
     def without(self, forgotten: Spans) -> Window:
         """Return this without what is forgotten between some points."""
         left = {}
-        for ends, seen in self.observations.items():
-            for after_s, until_s in (*forgotten.get(ends, ()), *forgotten.get(ends[::-1], ())):
+        for points, seen in self.observations.items():
+            observer, target = points[:2]
+            spans = (forgotten.get(ends, ()) for ends in ((observer, target), (target, observer)))
+            for after_s, until_s in chain.from_iterable(spans):
                 first = bisect_right(seen, after_s, key=STAMP_S)
                 end = bisect_right(seen, until_s, key=STAMP_S)
                 seen = seen[:first] + seen[end:]
             if seen:
-                left[ends] = seen
+                left[points] = seen
         return Window(MappingProxyType(left))
 
 
@@ -133,8 +146,8 @@ class Memory:
         self._memory_s = config.memory_s
         self._max_future_s = config.max_future_s
         self._slot_s = config.memory_s / MOST_OBSERVATIONS
-        # The observations of two points by their time slot, oldest first.
-        self._observations: dict[Ends, dict[int, Observation]] = {}
+        # The observations of the points of a link by their time slot, oldest first.
+        self._observations: dict[tuple[str, ...], dict[int, Observation]] = {}
         self._newest_s = -math.inf
 
     def add(self, reading: DistanceReading | RayReading, now_s: float) -> None:
@@ -148,7 +161,7 @@ class Memory:
         if isinstance(reading, DistanceReading) and reading.lower_m > reading.upper_m:
             return
         self._newest_s = max(self._newest_s, reading.stamp_s)
-        kept = self._observations.setdefault(reading.key.ends, {})
+        kept = self._observations.setdefault(reading.key.points, {})
         slot = math.floor(reading.stamp_s / self._slot_s)
         before = kept.get(slot)
         if before is None or before.stamp_s == reading.stamp_s:
@@ -157,7 +170,7 @@ class Memory:
                 is_late = before is None and bool(kept) and slot < next(reversed(kept))
                 kept[slot] = observation
                 if is_late:
-                    self._observations[reading.key.ends] = kept = dict(sorted(kept.items()))
+                    self._observations[reading.key.points] = kept = dict(sorted(kept.items()))
         if len(kept) > MOST_OBSERVATIONS:
             oldest = math.floor((now_s - self._memory_s) / self._slot_s)
             for outdated in [slot for slot in kept if slot < oldest]:

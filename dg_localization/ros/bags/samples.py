@@ -78,6 +78,9 @@ class Samples(MeasurementStore):
     ) -> None:
         """Keep a range or a ray that is not refused."""
         super()._take(key, value, stamp_s, now_s, bounds)
+        if key.reference:
+            # The bounds of range differences are not learned.
+            return
         self.stated[key].add(bounds)
         if key.kind is LinkKind.BEARING:
             in_body = in_body_frame(self._config.sensors.get(key.observer), value)

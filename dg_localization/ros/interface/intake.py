@@ -29,6 +29,7 @@ from dg_localization.fleet import (
     RejectionReason,
     SensorBounds,
 )
+from dg_localization.fleet.admission import PeerMeasurement
 from dg_localization.ros.interface.identities import Cameras, Identities
 from dg_localization.ros.interface.links import Link
 from dg_localization.ros.interface.poses import usable_frame_id
@@ -43,17 +44,6 @@ from msg_adapters import (
     PixelReading,
     RangeReading,
     adapter_for,
-)
-
-Reading = (
-    RangeReading
-    | BearingReading
-    | OdometryReading
-    | ElevationReading
-    | PeersReading
-    | IdentifiedReading
-    | PixelReading
-    | CameraReading
 )
 
 # A message of one reading has some 100 bytes, one of odometry some 700. Decoding takes time that
@@ -146,8 +136,8 @@ class Intake:
             self.malformed[link.topic] = Malformed(before.count + 1, wrong, now_s)
             return None
 
-    def _read(self, link: Link, data: bytes) -> Reading:
-        """Return what a message contains; it raises whatever is wrong with it."""
+    def _read(self, link: Link, data: bytes) -> Any:
+        """Return the reading of a message, one of `KINDS`; it raises whatever is wrong with it."""
         if len(data) > self._most_bytes:
             raise ValueError(
                 f'the message has {len(data)} bytes, for this fleet at most {self._most_bytes} '
@@ -174,9 +164,9 @@ class Intake:
             if str(getattr(reading, name, '')).startswith('/')
         }
         # tf2 has no names with a slash at the beginning; ROS 1 had.
-        return cast(Reading, replace(cast(Any, reading), **frames) if frames else reading)
+        return replace(cast(Any, reading), **frames) if frames else reading
 
-    def _add(self, link: Link, reading: Reading, stamp_s: float, now_s: float) -> Rejection | None:
+    def _add(self, link: Link, reading: Any, stamp_s: float, now_s: float) -> Rejection | None:
         """Give a reading to the localizer, or keep the matrix of a camera."""
         localizer, key, bounds = self._localizer, link.key, self._bounds_of(link)
         match reading:
@@ -216,7 +206,8 @@ class Intake:
         kept, names = [row for row, _ in rows], [name for _, name in rows]
         rays_xyz = link.turned(reading.rays_xyz[kept])
         # All rows before the first: a message that cannot be read must not be taken in part.
-        readings = list(_named_readings(names, reading.ranges_m[kept], rays_xyz))
+        readings = list(self._differences(reading)) if isinstance(reading, PeersReading) else []
+        readings += _named_readings(names, reading.ranges_m[kept], rays_xyz, bool(readings))
         rejections = localizer.add_peers(observer, readings, stamp_s, now_s, bounds)
         return next(iter(rejections), None)
 
@@ -238,6 +229,15 @@ class Intake:
                 f'{self._most_rows} are read'
             )
         return observer, rows
+
+    def _differences(self, reading: PeersReading) -> Iterator[PeerMeasurement]:
+        """Yield two points and by how much the second is farther away, where that is measured."""
+        if reading.references is None or reading.differences_m is None:
+            return
+        columns = (reading.references, reading.peers, reading.differences_m)
+        for first, second, difference_m in zip(*(c.tolist() for c in columns), strict=True):
+            if not math.isnan(difference_m):
+                yield (self._name_of(first), self._name_of(second)), difference_m
 
     def _name_of(self, peer: int) -> str:
         """Return the name of a peer, one for all strangers: every name is kept."""
@@ -306,14 +306,17 @@ def _deserialized(data: bytes, message_class: type) -> Any:
 
 
 def _named_readings(
-    names: Sequence[str], ranges_m: NDArray[np.float64], rays_xyz: NDArray[np.float64]
-) -> Iterator[tuple[str, float | NDArray[np.float64]]]:
+    names: Sequence[str],
+    ranges_m: NDArray[np.float64],
+    rays_xyz: NDArray[np.float64],
+    has_others: bool,
+) -> Iterator[PeerMeasurement]:
     """Yield each name with its range, and with its ray, where there is one."""
     has_rays = np.any(~np.isnan(rays_xyz), axis=1).tolist()
     rows = zip(names, ranges_m.tolist(), rays_xyz, has_rays, strict=True)
     for target, range_m, ray_xyz, has_ray in rows:
         # A row without any reading counts as a range that is none.
-        if not (has_ray and math.isnan(range_m)):
+        if not ((has_ray or has_others) and math.isnan(range_m)):
             yield target, range_m
         if has_ray:
             yield target, ray_xyz

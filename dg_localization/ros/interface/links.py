@@ -17,6 +17,7 @@ from rclpy.exceptions import InvalidTopicNameException
 from rclpy.validate_topic_name import validate_topic_name
 
 from dg_localization.fleet import (
+    DifferenceErrorModel,
     ElevationErrorModel,
     LinkKey,
     LinkKind,
@@ -57,6 +58,16 @@ BEARING_FIELDS = {
     'expected_error': 'bearing_expected_error_rad',
 }
 ELEVATION_FIELDS = fields_of(ElevationErrorModel, 'elevation.')
+# Peers may be ranges, too, which have bounds of these names.
+DIFFERENCE_FIELDS = {
+    f'difference_{name}': field
+    for name, field in fields_of(DifferenceErrorModel, 'range_difference.').items()
+}
+ERROR_MODELS = {
+    'range_error': ((LinkKind.RANGE, LinkKind.PEERS), RANGE_FIELDS),
+    'elevation_error': ((LinkKind.ELEVATION,), ELEVATION_FIELDS),
+    'range_difference_error': ((LinkKind.PEERS,), DIFFERENCE_FIELDS),
+}
 STAMP_OFFSET = 'stamp_offset'
 
 
@@ -92,7 +103,7 @@ KINDS = {
     LinkKind.PEERS: InputKind(
         (PeersReading, IdentifiedReading, PixelReading),
         ('observer',),
-        (*RANGE_BOUNDS, 'half_width', *TURNS, STAMP_OFFSET),
+        (*RANGE_BOUNDS, 'half_width', *DIFFERENCE_FIELDS, *TURNS, STAMP_OFFSET),
         'sensor_msgs/msg/PointCloud2',
     ),
     LinkKind.ELEVATION: InputKind(
@@ -140,16 +151,13 @@ class Link:
 
     def bounds_within(self, of_all: SensorBounds) -> SensorBounds:
         """Return the error bounds of the link, those of the fleet where it states none."""
-        kind, bounds = self.key.kind, of_all
-        if kind in (LinkKind.RANGE, LinkKind.PEERS):
-            range_error = replace(bounds.range_error, **self._stated(RANGE_FIELDS))
-            bounds = replace(bounds, range_error=range_error)
+        kind, stated = self.key.kind, dict[str, Any]()
         if kind in (LinkKind.BEARING, LinkKind.PEERS):
-            bounds = replace(bounds, **self._stated(BEARING_FIELDS))
-        if kind is LinkKind.ELEVATION:
-            elevation_error = replace(bounds.elevation_error, **self._stated(ELEVATION_FIELDS))
-            bounds = replace(bounds, elevation_error=elevation_error)
-        return bounds
+            stated |= self._stated(BEARING_FIELDS)
+        for name, (kinds, fields) in ERROR_MODELS.items():
+            if kind in kinds:
+                stated[name] = replace(getattr(of_all, name), **self._stated(fields))
+        return replace(of_all, **stated)
 
     def _stated(self, fields: Mapping[str, str]) -> dict[str, Any]:
         """Return the fields that the overrides state."""

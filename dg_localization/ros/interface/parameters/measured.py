@@ -134,6 +134,18 @@ RANGES = Section(
 )
 
 
+RANGE_DIFFERENCES = Section(
+    'Range differences',
+    'By how much one anchor is farther away than another, as radios without a common clock tell '
+    'that hear both. They come in the messages of peers, and count for robots with odometry, '
+    'which are remembered. The error of a reading is the reading minus the true difference.',
+    {
+        'range_difference.min_error': Spec(-0.5, 'least error of a range difference', 'm'),
+        'range_difference.max_error': Spec(0.5, 'greatest error of a range difference', 'm'),
+    },
+)
+
+
 BEARINGS = Section(
     'Bearings',
     'Messages of type geometry_msgs/Vector3Stamped: a ray of any length in the body frame '
@@ -229,8 +241,9 @@ PEERS = Section(
     'fleets of so many pairs that a topic for each costs too much. A point stands for one '
     'robot or anchor that was measured. Its fields are `peer`, an integer: zero-based '
     'index into the list of robots followed by the anchors not in robots and the sensors '
-    'on robots; `range` (m); and `x`, `y`, `z`, the ray in the body frame. Range or ray '
-    'may be missing, or NaN.',
+    'on robots; `range` (m); `x`, `y`, `z`, the ray in the body frame; and `reference`, an '
+    'index like `peer`, with `range_difference` (m): the distance to the peer minus that to '
+    'the reference. Each of the three may be missing, or NaN.',
     {
         'peers.topic': Spec('{observer}/peers', 'template of the topics; empty for none'),
         'peers.stamp_offset': STAMP_OFFSET,
@@ -249,7 +262,8 @@ LINKS = Section(
             'min_error, max_error, min_error_relative, max_error_relative, sigma_factor, '
             'expected_error, expected_error_relative, min_reading or max_reading of a range, '
             'half_width or expected_error of a bearing, min_error or max_error of an '
-            'elevation, any of the bounds for all that peers measure, and gives roll, pitch '
+            'elevation, any of the bounds for all that peers measure, difference_min_error and '
+            'difference_max_error of range differences among it, and gives roll, pitch '
             'and yaw (rad) of a sensor of peers in the body frame of its robot; stamp_offset '
             '(s) is added to stamps. Odometry, elevations, peers and cameras have no TARGET; '
             'the OBSERVER of peers is * where their messages say who measured. A link to a '

@@ -14,6 +14,7 @@ from rclpy.node import Node
 
 from dg_localization.fleet import (
     Anchor,
+    DifferenceErrorModel,
     ElevationErrorModel,
     FleetConfig,
     Mount,
@@ -243,6 +244,9 @@ def _fleet_config(values: Mapping[str, Any]) -> FleetConfig:
         'elevations_m': _elevations_m(values),
         'elevation_error': ElevationErrorModel(
             **_stated(ElevationErrorModel, values, 'elevation.')
+        ),
+        'range_difference_error': DifferenceErrorModel(
+            **_stated(DifferenceErrorModel, values, 'range_difference.')
         ),
         'range_error': RangeErrorModel(**_stated(RangeErrorModel, values, 'range.')),
         'anchors': anchors,

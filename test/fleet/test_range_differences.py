@@ -1,0 +1,238 @@
+# Copyright 2026 dg_localization contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Range differences: a robot is placed by how much nearer some anchors are than others."""
+
+import math
+import os
+
+from histories import History, play_without_a_loss
+from hypothesis import given, settings, strategies as st
+from listening import listen
+import numpy as np
+import pytest
+
+from dg_localization.fleet import (
+    Anchor,
+    DifferenceErrorModel,
+    FleetConfig,
+    LinkKey,
+    LinkKind,
+    Localizer,
+    Mount,
+    OdometryErrorModel,
+    RejectionReason,
+    SensorBounds,
+)
+
+STEPS = int(os.environ.get('DG_HISTORY_STEPS', '240'))
+SECONDS = 8.0
+NOW_S = 100.0
+ANCHORS_M = {'a': (-6.0, -4.0), 'b': (6.0, -5.0), 'c': (5.0, 6.0), 'd': (-5.0, 5.0)}
+TAG_M = (0.3, 0.2)
+ERROR_M = 0.1
+
+
+@settings(max_examples=max(1, STEPS // round(SECONDS)), deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), dimension=st.sampled_from([2, 3]))
+def test_the_truth_is_never_lost_where_nothing_else_is_measured(seed, dimension):
+    kind = 1 + seed % 3 // 2, 3 + seed % 4, SECONDS, seed % 2, dimension
+    history = History.draw([seed, 21], *kind, ranged=False)
+    play_without_a_loss(listen(history, np.random.default_rng([seed, 22])), SECONDS, False)
+
+
+class Listener:
+    """A robot that circles among anchors: right odometry, and differences at their bounds."""
+
+    def __init__(self, dimension=2, anchors=None, heights_m=(0.0, 0.0), stated_m=ERROR_M, **given):
+        pad = (0.0,) * (dimension - 2)
+        self.places_m = {
+            name: np.array([*place_m, heights_m[1]]) for name, place_m in ANCHORS_M.items()
+        }
+        self.config = FleetConfig(
+            robots=('r',),
+            dimension=dimension,
+            anchors=anchors or {name: Anchor((*p, *pad)) for name, p in ANCHORS_M.items()},
+            mounts={'r': {'tag': Mount((*TAG_M, *pad))}},
+            range_difference_error=DifferenceErrorModel(-stated_m, stated_m),
+            odometry_error=OdometryErrorModel(0.01, 0.0, 0.005, 0.01, 0.002, 0.002, tilt_rad=0.0),
+            memory_max_seconds=math.inf,
+            **given,
+        )
+        self.localizer, self.height_m = Localizer(self.config), heights_m[0]
+        self.rng = np.random.default_rng(7)
+
+    def pose(self, time_s):
+        """Return the place (3,) and the yaw."""
+        angle = 0.5 * (time_s - NOW_S)
+        place_m = np.array([2.0 * math.cos(angle), 2.0 * math.sin(angle), self.height_m])
+        return place_m, angle + 0.5 * math.pi
+
+    def measure(self, time_s, off_m=0.0):
+        """Add odometry and one difference; return why that was not accepted."""
+        place_m, yaw = self.pose(time_s)
+        quaternion = (0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))
+        self.localizer.add_odometry('r', place_m - self.pose(NOW_S)[0], quaternion, time_s, time_s)
+        c, s = math.cos(yaw), math.sin(yaw)
+        tag_m = place_m + [c * TAG_M[0] - s * TAG_M[1], s * TAG_M[0] + c * TAG_M[1], 0.0]
+        first, second = self.rng.permutation(list(self.places_m))[:2].tolist()
+        near_m, far_m = (math.dist(tag_m, self.places_m[name]) for name in (first, second))
+        reading_m = far_m - near_m + 0.99 * ERROR_M * self.rng.choice([-1.0, 1.0]) + off_m
+        ends = 'r/tag', first, second
+        return self.localizer.add_range_difference(*ends, reading_m, time_s, time_s)
+
+    def run(self, seconds, **measured):
+        """Measure ten times a second; return the last estimate."""
+        for time_s in NOW_S + 0.1 * np.arange(round(10 * seconds)):
+            assert self.measure(time_s, **measured) is None
+        return self.localizer.step(time_s)
+
+    def assert_placed(self, estimate, width_m):
+        (placement,) = estimate.placements
+        place_m, yaw = self.pose(estimate.stamp_s)
+        low_m, high_m = placement.enclosure_m[0]
+        q = len(low_m)
+        assert np.all(low_m <= place_m[:q]) and np.all(place_m[:q] <= high_m)
+        assert np.all(high_m - low_m < width_m)
+        if q == 2:
+            assert np.linalg.norm(placement.positions_m[0] - place_m[:2]) < 0.15
+        z, w = placement.orientations_xyzw[0, 2:]
+        off_rad = abs(math.remainder(2.0 * math.atan2(z, w) - yaw, math.tau))
+        assert off_rad <= placement.heading_half_width_rad[0] < 0.3
+
+
+@pytest.mark.parametrize('window_outliers', [0, 1])
+def test_a_mounted_tag_places_its_robot_and_tells_its_heading(window_outliers):
+    listener = Listener(window_outliers=window_outliers)
+    listener.assert_placed(listener.run(5.0), 0.4)
+    states = listener.localizer.input_states(NOW_S + 5.0)
+    heard = {state.key for state in states if state.key.kind is LinkKind.RANGE_DIFFERENCE}
+    assert LinkKey(LinkKind.RANGE_DIFFERENCE, 'r/tag', 'b', 'a') in heard and len(heard) == 12
+    assert {str(key) for key in heard} >= {'range_difference r/tag->b-a'}
+
+
+@pytest.mark.parametrize('share', [1.0, 0.8])
+def test_bounds_that_are_too_narrow_are_noticed(share):
+    listener, wrong = Listener(stated_m=share * ERROR_M), []
+    for step in range(60):
+        time_s = NOW_S + 0.1 * step
+        listener.measure(time_s)
+        estimate = listener.localizer.step(time_s)
+        place_m = listener.pose(time_s)[0][:2]
+        wrong.append(
+            bool(estimate.forgotten)
+            or any(
+                np.any((place_m < one.enclosure_m[0, 0]) | (one.enclosure_m[0, 1] < place_m))
+                for one in estimate.placements
+            )
+        )
+    assert any(wrong) == (share < 1.0)
+
+
+def test_in_space_a_tag_places_its_robot():
+    listener = Listener(
+        dimension=3,
+        heights_m=(1.0, 0.0),
+        anchors={name: Anchor((*p, 0.0)) for name, p in ANCHORS_M.items()}
+        | {'e': Anchor((0.0, 0.0, 4.0))},
+    )
+    listener.places_m['e'] = np.array([0.0, 0.0, 4.0])
+    listener.assert_placed(listener.run(8.0), 1.0)
+
+
+def test_anchors_may_be_above_the_plane():
+    elevations_m = {'r': (0.0, 0.2), **dict.fromkeys(ANCHORS_M, (3.0, 3.0))}
+    listener = Listener(heights_m=(0.1, 3.0), elevations_m=elevations_m)
+    listener.assert_placed(listener.run(5.0), 0.4)
+
+
+def test_a_wrong_difference_is_a_suspect():
+    listener = Listener(window_outliers=1)
+    listener.run(4.0)
+    assert listener.measure(NOW_S + 4.0, off_m=3.0) is None
+    estimate = listener.localizer.step(NOW_S + 4.0)
+    (suspect,) = estimate.suspects_in_window
+    assert suspect.measures == (LinkKind.RANGE_DIFFERENCE,) and suspect.stamp_s == NOW_S + 4.0
+    listener.assert_placed(estimate, 0.6)
+
+
+def test_differences_that_contradict_themselves_are_left_out():
+    listener = Listener()
+    listener.run(4.0)
+    assert listener.measure(NOW_S + 4.0, off_m=3.0) is None
+    estimate = listener.localizer.step(NOW_S + 4.0)
+    assert 'r' in estimate.reason and not estimate.placements
+    assert any('contradict' in forgotten.text for forgotten in estimate.forgotten)
+
+
+@pytest.mark.parametrize('hears', [True, False])
+def test_a_robot_that_hears_two_sensors_of_another_tells_how_that_is_turned(hears):
+    """Ranges alone do not tell, as it drives in a circle about the other one."""
+    config = FleetConfig(
+        robots=('r', 's'),
+        mounts={'s': {'left': (0.0, 3.0), 'right': (0.0, -3.0)}},
+        range_difference_error=DifferenceErrorModel(-0.02, 0.02),
+        odometry_error=OdometryErrorModel(),
+        memory_max_seconds=math.inf,
+    )
+    localizer, ahead = Localizer(config), (0.0, 0.0, 0.0, 1.0)
+    for step in range(40):
+        time_s, angle = NOW_S + 0.1 * step, 0.05 * step
+        place_m = np.array([4.0 * math.cos(angle), 4.0 * math.sin(angle), 0.0])
+        localizer.add_odometry('r', place_m, ahead, time_s, time_s)
+        localizer.add_odometry('s', np.zeros(3), ahead, time_s, time_s)
+        localizer.add_range('r', 's', 4.0, time_s, time_s)
+        left_m, right_m = (math.dist(place_m, (0.0, y, 0.0)) for y in (3.0, -3.0))
+        if hears:
+            ends = 'r', 's/left', 's/right'
+            assert not localizer.add_range_difference(*ends, right_m - left_m, time_s, time_s)
+    estimate = localizer.step(time_s)
+    # r is at the origin, and sees s along x.
+    yaw_rad = -math.atan2(*-place_m[1::-1])
+    turned = []
+    for placement in estimate.placements:
+        half_width_rad = placement.heading_half_width_rad[1]
+        z, w = placement.orientations_xyzw[1, 2:]
+        off_rad = abs(math.remainder(2.0 * math.atan2(z, w) - yaw_rad, math.tau))
+        turned.append(off_rad <= half_width_rad < 0.5)
+    assert any(turned) == hears
+
+
+@pytest.mark.parametrize(
+    ('ends', 'difference_m', 'reason', 'text'),
+    [
+        (('r', 'a', 'z'), 1.0, RejectionReason.UNKNOWN_ROBOT, "'z' is not one of"),
+        (('r', 'a', 'a'), 1.0, RejectionReason.SEVERAL_BODIES, 'not two points of one body'),
+        (('r', 'a', 's'), 1.0, RejectionReason.SEVERAL_BODIES, "'s' and 'a' are not two points"),
+        (('r/tag', 'r', 'r/tag'), 1.0, RejectionReason.SAME_ROBOT, 'both observer and target'),
+        (('r', 'a', 'b'), math.nan, RejectionReason.INVALID_RANGE, 'nan must be a finite'),
+        (('r', 'a', 'b'), 'far', RejectionReason.INVALID_RANGE, "'far' must be a finite"),
+    ],
+)
+def test_what_says_nothing_is_refused_with_its_reason(ends, difference_m, reason, text):
+    localizer = Localizer(
+        FleetConfig(
+            robots=('r', 's'),
+            anchors={name: Anchor(place_m) for name, place_m in ANCHORS_M.items()},
+            mounts={'r': {'tag': TAG_M}},
+        )
+    )
+    rejection = localizer.add_range_difference(*ends, difference_m, NOW_S, NOW_S)
+    assert rejection.reason is reason and text in str(rejection)
+    (rejection,) = localizer.add_peers(ends[0], [(ends[1:], difference_m)], NOW_S, NOW_S)
+    assert rejection.reason is reason
+    key = LinkKey(LinkKind.RANGE_DIFFERENCE, ends[0], ends[2], ends[1])
+    states = {state.key: state.rejected for state in localizer.input_states(NOW_S)}
+    assert states[key] == {reason: 2}
+
+
+def test_a_reading_has_the_bounds_that_it_comes_with():
+    listener, found = Listener(), []
+    for error_m in (0.05, 0.5):
+        own = SensorBounds(range_difference_error=DifferenceErrorModel(-error_m, error_m))
+        listener.localizer.add_range_difference('r', 'a', 'b', 1.0, NOW_S, NOW_S, own)
+        listener.measure(NOW_S)
+        window = listener.localizer.snapshot(NOW_S).window.observations
+        (seen,) = window['r', 'b', 'a']
+        found.append(seen.most_m - seen.least_m)
+    assert found == pytest.approx([0.1, 1.0])
