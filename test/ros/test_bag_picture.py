@@ -3,6 +3,7 @@
 
 """The picture of a bag: what is drawn of its answers."""
 
+from itertools import combinations
 import math
 
 import numpy as np
@@ -93,3 +94,11 @@ def test_a_change_of_the_frame_is_marked():
     assert [line.get_xdata()[0] for line in panels[0, 0].lines[2:]] == pytest.approx([0.6])
     assert 'origin at a' in the_map.get_title()
     assert '2 answers have other frames' in the_map.get_title().replace('\n', ' ')
+
+
+def test_in_space_there_are_three_coordinates():
+    places = {'a': (0.0, 0.0, 0.0), 'b': (3.0, 0.0, 0.0), 'c': (0.0, 4.0, 0.0), 'd': (1.0, 1.0, 2)}
+    answers = Answers(places, *combinations(places, 2))
+    answers.add(2)
+    assert answers.panels()[1].shape == (4, 4)
+    assert answers.picture.columns == ('x [m]', 'y [m]', 'z [m]', ERROR)

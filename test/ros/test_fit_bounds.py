@@ -144,11 +144,12 @@ def test_what_is_printed_is_what_the_node_takes(tmp_path, learn, told):
 
 def state(learn, **fleet):
     """Write the parameters of three robots with ranges to 0.1 m."""
-    exact = {'min_error_relative': 0.0, 'max_error_relative': 0.0}
-    ranging = {'min_error': -0.1, 'max_error': 0.1, **exact}
-    write_parameters(learn.params.parent, robots=['r1', 'r2', 'r3'], range=ranging, **fleet)
+    ranging = {'min_error': -0.1, 'max_error': 0.1, **EXACT}
+    stated = {'robots': ['r1', 'r2', 'r3'], 'range': ranging, **fleet}
+    write_parameters(learn.params.parent, **stated)
 
 
+EXACT = {'min_error_relative': 0.0, 'max_error_relative': 0.0}
 WIDE_LINK = '/r1/range/r3 sensor_msgs/msg/Range r1 r3 max_error=2.0'
 OTHER_LINK = '/r1/range/r2 sensor_msgs/msg/Range r1 r2'
 BARO_LINK = '/baro geometry_msgs/msg/PointStamped r1 min_error=-2.0 max_error=3.0'
@@ -168,6 +169,22 @@ def record_three(bag, n_biased=200, truth=(), n_good=200):
             recorder.add_truth(robot, PLACES_M[robot], 0.0, stamp_s)
     recorder.write(bag)
     return bag
+
+
+def test_without_truth_bounds_are_widened_where_readings_scatter_more(tmp_path, learn, told):
+    state(learn, range={'min_error': -0.01, 'max_error': 0.01, **EXACT})
+    code, _ = learn(record_three(tmp_path / 'bag'))
+    assert code == 0 and 'widened' in learn.output
+    bounds = range_error_of(told(), 'r1', 'r2')
+    assert 0.03 < bounds.max_error_m - bounds.min_error_m < 0.1
+
+
+def test_what_is_damaged_of_a_bag_is_told(tmp_path, learn):
+    state(learn)
+    (storage,) = record_three(tmp_path / 'bag').glob('*.mcap')
+    storage.write_bytes(storage.read_bytes()[: storage.stat().st_size // 2])
+    code, _ = learn(tmp_path / 'bag')
+    assert code == 1 and 'what follows is not read' in learn.errors
 
 
 def test_bounds_of_the_first_half_are_judged_on_the_second(tmp_path, learn):

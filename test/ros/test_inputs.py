@@ -8,6 +8,7 @@ import time
 from types import SimpleNamespace
 
 from processes import Listener
+import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Range
 
@@ -74,12 +75,16 @@ def test_where_more_arrives_than_can_be_taken_all_topics_have_their_turn(node):
     def take_slowly(link, *_):
         taken.update([link.topic])
         time.sleep(2.0 * POLL_PERIOD_S)
+        if link.topic == TOPICS[0]:
+            raise ValueError('wrong')
 
     inputs, publishers = connected(node, take_slowly)
     for _ in range(SENSOR_DATA.depth):
         for publisher in publishers:
             publisher.publish(Range())
     time.sleep(0.5)
-    inputs._poll()
+    # Nor does one that raises keep the others from their turn.
+    with pytest.raises(ValueError, match='wrong'):
+        inputs._poll()
     assert taken == dict.fromkeys(TOPICS, 1)
     inputs.destroy()

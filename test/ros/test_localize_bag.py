@@ -35,7 +35,7 @@ from small_bags import (  # noqa: E402
 )
 from uwb_recording import CONFIG  # noqa: E402
 
-from dg_localization.ros.bags.offline import read_task  # noqa: E402
+from dg_localization.ros.bags.offline import BagLocalizer, read_task  # noqa: E402
 from dg_localization.ros.executables import localize_bag  # noqa: E402
 from msg_adapters import ElevationReading, Level, adapter_for  # noqa: E402
 
@@ -303,6 +303,20 @@ def test_no_answer_is_lost_with_the_terminal(tmp_path, triangle_bag, stdout):
     assert ('No space left on device' in errors) == (stdout != 'pipe')
     assert 'Traceback' not in errors
     assert counts(output)['/localizer/feasible_poses'] == 10
+
+
+def test_an_error_keeps_the_answers_before_it(localize, triangle_bag, monkeypatch):
+    tick = BagLocalizer.tick
+
+    def fails_late(self, time_ns, cancel):
+        if time_ns > START_NS + 10 * PERIOD_NS:
+            raise MemoryError
+        return tick(self, time_ns, cancel)
+
+    monkeypatch.setattr(BagLocalizer, 'tick', fails_late)
+    with pytest.raises(MemoryError):
+        localize(triangle_bag)
+    assert counts(localize.output)['/localizer/feasible_poses'] == 5
 
 
 def test_the_report_says_when_the_budget_ended_the_search(localize, recorder, capsys):

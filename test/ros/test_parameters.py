@@ -158,6 +158,7 @@ def test_every_file_and_example_of_a_page_gives_settings(name):
         ),
         ('links', ['/t nav_msgs/msg/Odometry a yaw=1'], 'an odometry link allows stamp_offset'),
         ('links', ['/t'], "it must read 'TOPIC TYPE OBSERVER"),
+        ('links', ['/t px4_msgs/msg/SensorUwb *'], 'install the ROS package px4_msgs'),
         ('links', ['/t gps_msgs/msg/Fix a b'], "type 'gps_msgs/msg/Fix' is no input; .*Range"),
         ('links', ['/t sensor_msgs/msg/Range a b max_eror=1'], "'max_eror' cannot"),
         ('links', ['/t sensor_msgs/msg/Range a b max_error=x'], 'must end in a finite number'),
