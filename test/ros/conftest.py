@@ -3,7 +3,7 @@
 
 """A fleet on real topics for the tests of the node, and what the node says about it."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 import gc
 from importlib.util import find_spec
@@ -48,6 +48,7 @@ from msg_adapters import (  # noqa: E402
     PeersReading,
     RangeReading,
     adapter_for,
+    register,
 )
 
 # Makes `uwb_recording` importable: pytest's importlib mode leaves sys.path alone.
@@ -453,6 +454,20 @@ def make_node(bench):
     for node in made:
         bench.executor.remove_node(node)
         node.destroy_node()
+
+
+@pytest.fixture
+def adapt():
+    """Have messages of a type read by another function for the time of a test."""
+    usual = {}
+
+    def adapt(type_name, from_message):
+        usual.setdefault(type_name, adapter_for(type_name))
+        register(replace(usual[type_name], from_message=from_message))
+
+    yield adapt
+    for adapter in usual.values():
+        register(adapter)
 
 
 @pytest.fixture

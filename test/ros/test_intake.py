@@ -23,15 +23,13 @@ from dg_localization.fleet import (
 )
 from dg_localization.ros.interface.intake import Intake
 from dg_localization.ros.interface.links import Link
-from msg_adapters import Adapter, PeersReading, RangeReading, adapter_for, register
+from msg_adapters import PeersReading, RangeReading, adapter_for
 
 KEY = LinkKey(LinkKind.PEERS, 'a', '')
 NOW_S = 10.0
 RANGE, CLOUD = 'sensor_msgs/msg/Range', 'sensor_msgs/msg/PointCloud2'
 RANGES = Link('/a/range/b', RANGE, LinkKey(LinkKind.RANGE, 'a', 'b'))
 CLOUDS = Link('/a/peers', CLOUD, KEY)
-NO_RAY = [math.nan] * 3
-AHEAD = [1.0, 0.0, 0.0]
 
 
 @pytest.fixture
@@ -82,65 +80,34 @@ def take(localizer, link, message, use_header_stamp=False):
     return intake.malformed.get(link.topic)
 
 
-def cloud_of(n_rows):
-    reading = PeersReading(
-        NOW_S, np.zeros(n_rows, int), np.full(n_rows, math.nan), np.full((n_rows, 3), math.nan)
-    )
+def cloud(n_rows=1, range_m=math.nan, ray=(math.nan,) * 3):
+    """Return a message of so many readings of b."""
+    ranges_m, rays = np.full(n_rows, range_m), np.full((n_rows, 3), ray)
+    reading = PeersReading(NOW_S, np.ones(n_rows, int), ranges_m, rays)
     return adapter_for(CLOUD).to_message(reading)
 
 
-@pytest.fixture
-def adapt_ranges():
-    """Have ranges read by another function for the time of a test."""
-    usual = adapter_for(RANGE)
-
-    def adapt(from_message):
-        register(Adapter(RANGE, RangeReading, from_message, usual.to_message))
-
-    yield adapt
-    register(usual)
-
-
-def cloud(range_m):
-    """Return a message of a range to b."""
-    reading = PeersReading(NOW_S, np.array([1]), np.array([range_m]), np.array([NO_RAY]))
-    return adapter_for(CLOUD).to_message(reading)
-
-
-NARROW = replace(RANGES, overrides={'min_error': -0.02, 'max_error': 0.02})
+NARROW = {'min_error': -0.02, 'max_error': 0.02, 'half_width': 0.01}
 
 
 @pytest.mark.parametrize(
-    'link, bounds_m', [(NARROW, (2.98, 3.02)), (CLOUDS, (1.7, 3.05))], ids=['narrow', 'other']
+    ('overrides', 'bounds_m', 'half_width_rad'),
+    [({}, (1.7, 3.05), 0.2), (NARROW, (2.98, 3.02), 0.01)],
 )
-def test_a_range_has_the_bounds_of_its_own_link(link, bounds_m):
-    """Those of a link beside it, to the same robot, may be too narrow for it."""
-    config = FleetConfig(
-        robots=('a', 'b'),
-        range_error=RangeErrorModel(-0.05, 1.3, 0.0, 0.0),
-    )
-    localizer = Localizer(config)
-    assert take(localizer, link, Range(range=3.0) if link is NARROW else cloud(3.0)) is None
-    (distance,) = localizer.snapshot(NOW_S).distances
+def test_readings_have_the_bounds_of_their_own_link(overrides, bounds_m, half_width_rad):
+    ranging = RangeErrorModel(-0.05, 1.3, 0.0, 0.0)
+    config = FleetConfig(('a', 'b'), range_error=ranging, bearing_half_width_rad=0.2)
+    localizer, link = Localizer(config), replace(CLOUDS, overrides=overrides)
+    assert take(localizer, link, cloud(range_m=3.0, ray=(1.0, 0.0, 0.0))) is None
+    snapshot = localizer.snapshot(NOW_S)
+    (distance,), (ray,) = snapshot.distances, snapshot.rays
     assert (distance.lower_m, distance.upper_m) == pytest.approx(bounds_m)
-
-
-def test_a_ray_has_the_half_width_of_its_own_link():
-    narrow = replace(CLOUDS, overrides={'half_width': 0.01})
-    settings = {'robots': ('a', 'b'), 'bearing_half_width_rad': 0.2}
-    for link, half_width_rad in ((narrow, 0.01), (CLOUDS, 0.2)):
-        localizer = Localizer(FleetConfig(**settings))
-        reading = PeersReading(NOW_S, np.array([1]), np.array([math.nan]), np.array([AHEAD]))
-        assert take(localizer, link, adapter_for(CLOUD).to_message(reading)) is None
-        (ray,) = localizer.snapshot(NOW_S).rays
-        assert ray.half_width_rad == half_width_rad
+    assert ray.half_width_rad == half_width_rad
 
 
 @pytest.mark.parametrize('use_header_stamp', [False, True])
-def test_stamps_are_corrected_by_the_offset_of_their_link(
-    localizer, adapt_ranges, use_header_stamp
-):
-    adapt_ranges(lambda message: RangeReading(NOW_S, 3.0))
+def test_stamps_are_corrected_by_the_offset_of_their_link(localizer, adapt, use_header_stamp):
+    adapt(RANGE, lambda message: RangeReading(NOW_S, 3.0))
     late = replace(RANGES, overrides={'stamp_offset': -0.25})
     intake = Intake(localizer, use_header_stamp)
     assert intake.take(late, serialize_message(Range()), NOW_S) is None
@@ -152,15 +119,15 @@ def test_stamps_are_corrected_by_the_offset_of_their_link(
 
 @pytest.mark.parametrize('is_simulated', [False, True])
 def test_a_clock_that_comes_after_what_it_dates_proves_no_stamp_wrong(
-    localizer, adapt_ranges, is_simulated
+    localizer, adapt, is_simulated
 ):
-    adapt_ranges(lambda message: RangeReading(NOW_S + 0.09, 3.0))
+    adapt(RANGE, lambda message: RangeReading(NOW_S + 0.09, 3.0))
     intake = Intake(localizer, True, is_simulated=is_simulated)
     assert intake.take(RANGES, serialize_message(Range()), NOW_S) is None
     (state,) = [state for state in intake.states(NOW_S).values() if state.accepted]
     assert ('ahead of their arrival' in state.warning) != is_simulated
     # What is further ahead than `max_future` is refused either way.
-    adapt_ranges(lambda message: RangeReading(NOW_S + 0.2, 3.0))
+    adapt(RANGE, lambda message: RangeReading(NOW_S + 0.2, 3.0))
     assert intake.take(RANGES, serialize_message(Range()), NOW_S).reason is RejectionReason.FUTURE
 
 
@@ -214,8 +181,8 @@ def test_an_input_that_rejects_most_of_its_readings_lately_is_named_with_the_cau
     assert 'is negative' in found[RANGES.key]
 
 
-def test_nonsense_of_an_adapter_is_counted_and_named(localizer, adapt_ranges):
-    adapt_ranges(lambda message: None)
+def test_nonsense_of_an_adapter_is_counted_and_named(localizer, adapt):
+    adapt(RANGE, lambda message: None)
     found = take(localizer, RANGES, Range(range=3.0), use_header_stamp=True)
     assert found.count == 1
     assert 'returned NoneType, it must return RangeReading' in found.last
@@ -223,7 +190,7 @@ def test_nonsense_of_an_adapter_is_counted_and_named(localizer, adapt_ranges):
 
 def test_cloud_has_no_more_rows_than_the_fleet_can_need(localizer):
     n_most = 2 * len(localizer.config.points)
-    found = take(localizer, CLOUDS, cloud_of(n_most + 1))
+    found = take(localizer, CLOUDS, cloud(n_most + 1))
     assert f'the cloud has {n_most + 1} points, for this fleet at most {n_most}' in found.last
     assert localizer.input_states(NOW_S) == []
-    assert take(localizer, CLOUDS, cloud_of(0)) is None
+    assert take(localizer, CLOUDS, cloud(0)) is None

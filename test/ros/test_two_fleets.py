@@ -18,88 +18,53 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 REPOSITORY = Path(__file__).parents[2]
 FLEETS = {'left': ('true', 1), 'right': ('false', 16)}
 N_ROBOTS = 6
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DEADLINE_S = 120.0
 
 
-class Fleet:
-    """What a launch file starts, in a process group of its own, as a terminal has it."""
-
-    def __init__(self, processes, log):
-        self.processes = []
-        for process in processes:
-            group = self.processes[0].pid if self.processes else 0
-            options = {'stdout': log.open('a'), 'stderr': subprocess.STDOUT}
-            command = process.executable, *process.ros_arguments
-            self.processes.append(start(*command, process_group=group, **options))
-        self._log = log
-
-    def interrupt(self):
-        """Press Ctrl-C; return the exit codes and what was printed."""
-        os.killpg(self.processes[0].pid, signal.SIGINT)
-        codes = [process.wait(timeout=20.0) for process in self.processes]
-        return codes, self._log.read_text()
-
-    def end(self):
-        for process in self.processes:
-            if process.poll() is None:
-                process.kill()
-                process.wait()
+def start_all(processes, log):
+    """Start what a launch file starts, in a process group of its own, as a terminal has it."""
+    started = []
+    for process in processes:
+        group = started[0].pid if started else 0
+        options = {'stdout': log.open('a'), 'stderr': subprocess.STDOUT}
+        command = process.executable, *process.ros_arguments
+        started.append(start(*command, process_group=group, **options))
+    return started
 
 
-class Heard:
-    """The newest answers of both fleets."""
-
-    def __init__(self, bench):
-        self.poses = {}
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        for fleet in FLEETS:
-            topic, take = f'/{fleet}/localizer/feasible_poses', partial(self._take, fleet)
-            bench.node.create_subscription(PoseArray, topic, take, latched)
-
-    def _take(self, fleet, message):
-        self.poses[fleet] = message
-
-    def n_hypotheses(self, fleet):
-        message = self.poses.get(fleet)
-        return None if message is None else len(message.poses) // N_ROBOTS
-
-
-@pytest.fixture(scope='module')
-def heard(bench):
-    return Heard(bench)
-
-
-@pytest.fixture(scope='module')
-def fleets(tmp_path_factory):
-    """Start both with the launch file of the simulation."""
-    folder = tmp_path_factory.mktemp('fleets')
+@pytest.fixture
+def fleets(tmp_path):
+    """Start both with the launch file of the simulation; return the processes of each."""
     started = {}
     with pytest.MonkeyPatch.context() as patch:
         install(patch)
         for fleet, (cameras, _) in FLEETS.items():
             path = REPOSITORY / 'launch/simulation.launch.py'
             context = launched(path, namespace=fleet, cameras=cameras)
-            started[fleet] = Fleet(context.processes, folder / f'{fleet}.log')
+            started[fleet] = start_all(context.processes, tmp_path / f'{fleet}.log')
     yield started
-    for fleet in started.values():
-        fleet.end()
+    for process in (process for fleet in started.values() for process in fleet):
+        process.kill()
+        process.wait()
 
 
-@pytest.fixture
-def both_answer(bench, fleets, heard):
-    """Wait until each fleet has the answer of its own sensors."""
-    for fleet, (_, n_hypotheses) in FLEETS.items():
+def test_each_fleet_hears_itself_alone_and_ends_alone(bench, fleets, tmp_path):
+    poses = {}
+    for fleet in FLEETS:
+        topic, take = f'/{fleet}/localizer/feasible_poses', partial(poses.__setitem__, fleet)
+        bench.node.create_subscription(PoseArray, topic, take, LATCHED)
+
+    def until_placements(fleet, number):
         bench.until(
-            lambda fleet=fleet, n=n_hypotheses: heard.n_hypotheses(fleet) == n,
-            f'{n_hypotheses} hypotheses of the fleet {fleet}',
+            lambda: fleet in poses and len(poses[fleet].poses) == number * N_ROBOTS,
+            f'{number} hypotheses of the fleet {fleet}',
             DEADLINE_S,
         )
 
-
-@pytest.mark.usefixtures('both_answer')
-def test_each_fleet_hears_itself_alone(bench):
     everybodys = {'/diagnostics', '/parameter_events', '/rosout'}
-    for fleet in FLEETS:
+    for fleet, (_, n_hypotheses) in FLEETS.items():
+        until_placements(fleet, n_hypotheses)
         node = ('localizer', f'/{fleet}')
         # Whose a topic is arrives later than what is sent on it.
         subscribed, published = (
@@ -113,16 +78,14 @@ def test_each_fleet_hears_itself_alone(bench):
         assert all(topic.startswith(f'/{fleet}/') for topic in set(published) - everybodys)
         name = f'{fleet}/localizer: fleet'
         bench.until(lambda name=name: name in bench.heard.statuses, name)
-
-
-@pytest.mark.usefixtures('both_answer')
-def test_ctrl_c_ends_one_fleet_without_a_traceback_and_without_old_answers(bench, fleets, heard):
-    codes, printed = fleets['left'].interrupt()
-    assert codes == [0, 0], printed
-    assert 'Traceback' not in printed and 'rror' not in printed
-    bench.until(lambda: heard.n_hypotheses('left') == 0, 'an empty answer of the left fleet')
-    heard.poses.pop('right')
-    bench.until(lambda: heard.n_hypotheses('right') == 16, 'a new answer of the right fleet')
+    # As Ctrl-C does: no traceback, and no old answers.
+    os.killpg(fleets['left'][0].pid, signal.SIGINT)
+    codes = [process.wait(timeout=20.0) for process in fleets['left']]
+    printed = (tmp_path / 'left.log').read_text()
+    assert codes == [0, 0] and 'rror' not in printed and 'Traceback' not in printed, printed
+    until_placements('left', 0)
+    poses.pop('right')
+    until_placements('right', 16)
 
 
 def test_remapped_outputs_have_their_new_names_alone(bench, make_node):
