@@ -56,15 +56,14 @@ class _Moment:
     """
     The answer of one time, in a frame whose name is empty where there are no placements.
 
-    The best points and the bounds have the shape (k, n, c), by hypothesis, robot and column; the
-    truth has (n, c), the places of the anchors (m, q). `mirrored` are mirror images of others.
+    What is `found` are best points and bounds from below and above, shape (3, k, n, c), by
+    hypothesis, robot and column; the truth has (n, c), the places of the anchors (m, q).
+    `mirrored` are mirror images of others.
     """
 
     time_s: float
     frame: str
-    best: FloatArray
-    low: FloatArray
-    high: FloatArray
+    found: FloatArray
     true: FloatArray
     landmarks_m: FloatArray
     mirrored: NDArray[np.bool_]
@@ -94,24 +93,23 @@ class AnswerPicture:
         if (self._n_added - 1) % self._every:
             return
         placements = estimate.placements
-        shape = len(placements), len(self._robots), len(self.columns)
-        best, low, high = (np.full(shape, np.nan) for _ in range(3))
-        true = np.full(shape[1:], np.nan)
+        true = np.full((len(self._robots), len(self.columns)), np.nan)
+        found = np.full((3, len(placements), *true.shape), np.nan)
         for row, placement in enumerate(placements):
-            best[row, :, :3], low[row, :, :3], high[row, :, :3] = self._columns_of(placement)
+            found[:, row, :, :3] = self._columns_of(placement)
         if self._truth is not None and estimate.frame is not None:
             beside = self._truth.beside(estimate.frame, snapshot)
             true[:, : self._dimension] = beside.positions_m
             if self._dimension == 2:
                 true[:, 2] = np.arctan2(beside.rotations[:, 1, 0], beside.rotations[:, 0, 0])
-            off_m = (best - true)[:, :, : self._dimension]
-            best[:, :, 3] = np.linalg.norm(off_m, axis=-1)
-        for values, beyond in ((best, np.nan), (true, np.nan), (low, -np.inf), (high, np.inf)):
+            off_m = (found[0] - true)[:, :, : self._dimension]
+            found[0, :, :, 3] = np.linalg.norm(off_m, axis=-1)
+        for values, beyond in zip((true, *found), (np.nan, np.nan, -np.inf, np.inf), strict=True):
             values[np.abs(values) > LARGEST_M] = beyond
         landmarks_m = placements[0].landmarks_m if placements else np.empty((0, self._dimension))
         mirrored = np.array([placement.mirrored for placement in placements], dtype=bool)
         frame = str(estimate.frame or '')
-        self._moments.append(_Moment(time_s, frame, best, low, high, true, landmarks_m, mirrored))
+        self._moments.append(_Moment(time_s, frame, found, true, landmarks_m, mirrored))
         if len(self._moments) > MOMENTS:
             del self._moments[1::2]
             self._every *= 2
@@ -174,7 +172,7 @@ class AnswerPicture:
         shown = [moment for moment in self._moments if moment.frame == frame]
         for row, robot in enumerate(self._robots):
             for is_mirror, mark in ((False, '.'), (True, 'x')):
-                points = [m.best[m.mirrored == is_mirror, row, :2] for m in shown]
+                points = [m.found[0, m.mirrored == is_mirror, row, :2] for m in shown]
                 panel.plot(
                     *np.concatenate([np.empty((0, 2)), *points]).T,
                     mark,
@@ -206,13 +204,14 @@ class AnswerPicture:
         from matplotlib.collections import PolyCollection
 
         is_angle = self.columns[column] == HEADING
-        limits = (-math.pi, math.pi) if is_angle else self._limits(row, column)
         times_s = np.array([moment.time_s for moment in self._moments])
-        times_of_all_s = np.repeat(times_s, [len(moment.best) for moment in self._moments])
-        best, low, high = (
-            np.concatenate([[], *[getattr(m, name)[:, row, column] for m in self._moments]])
-            for name in ('best', 'low', 'high')
-        )
+        times_of_all_s = np.repeat(times_s, [moment.found.shape[1] for moment in self._moments])
+        parts = [moment.found[:, :, row, column] for moment in self._moments]
+        best, low, high = np.concatenate([np.empty((3, 0)), *parts], axis=1)
+        true = np.array([moment.true[row, column] for moment in self._moments])
+        limits = (-math.pi, math.pi)
+        if not is_angle:
+            limits = _limits(np.concatenate([best, true]), np.concatenate([low, high]))
         half_s = 0.5 * float(np.min(np.diff(times_s), initial=1.0))
         for turn in (-math.tau, 0.0, math.tau) if is_angle else (0.0,):
             bottom, top = np.clip(low + turn, *limits), np.clip(high + turn, *limits)
@@ -222,7 +221,6 @@ class AnswerPicture:
             bands.set(facecolor=_color(row), alpha=0.25)
             panel.add_collection(bands)
         panel.plot(times_of_all_s, best, '.', color=_color(row), markersize=2.5)
-        true = np.array([moment.true[row, column] for moment in self._moments])
         if is_angle:
             # A line from pi to -pi would be no truth.
             true[1:][np.abs(np.diff(true)) > math.pi] = np.nan
@@ -233,18 +231,6 @@ class AnswerPicture:
         panel.set_ylim(*limits)
         panel.grid(color='0.93')
         panel.set_axisbelow(True)
-
-    def _limits(self, row: int, column: int) -> tuple[float, float]:
-        """Return the ends of an axis: it has all that is known, and most of the bounds."""
-        known = [np.atleast_1d(m.true[row, column]) for m in self._moments]
-        known += [m.best[:, row, column] for m in self._moments]
-        bounds = [one[:, row, column] for m in self._moments for one in (m.low, m.high)]
-        ends, values = np.concatenate([[], *bounds]), np.concatenate([[], *known])
-        ends, values = ends[np.isfinite(ends)], values[np.isfinite(values)]
-        values = np.append(values, np.percentile(ends, [2.0, 98.0]) if len(ends) else [])
-        values = values if len(values) else np.zeros(1)
-        margin = max(0.05 * float(np.ptp(values)), 0.1)
-        return float(values.min()) - margin, float(values.max()) + margin
 
     def _legend(self) -> list[Any]:
         """Return what the signs mean, in neutral colors."""
@@ -259,6 +245,15 @@ class AnswerPicture:
             Line2D([], [], color='black', linewidth=0.9, label='truth'),
             Line2D([], [], color='0.5', linestyle='--', label='the frame changes'),
         ]
+
+
+def _limits(values: FloatArray, ends: FloatArray) -> tuple[float, float]:
+    """Return the ends of an axis: it has all values that are known, and most ends of bounds."""
+    ends = ends[np.isfinite(ends)]
+    values = np.append(values, np.percentile(ends, [2.0, 98.0]) if len(ends) else [])
+    values = values[np.isfinite(values)] if np.isfinite(values).any() else np.zeros(1)
+    margin = max(0.05 * float(np.ptp(values)), 0.1)
+    return float(values.min()) - margin, float(values.max()) + margin
 
 
 def _color(robot: int) -> str:
