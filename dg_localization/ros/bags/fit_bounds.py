@@ -40,7 +40,6 @@ from dg_localization.ros.executables import (
 )
 from dg_localization.ros.interface.intake import Intake
 from dg_localization.ros.interface.links import KINDS, STAMP_OFFSET, Link
-from dg_localization.ros.interface.parameters.table import TABLE
 from dg_localization.ros.spinning import own_arguments
 
 
@@ -138,11 +137,7 @@ def as_yaml(fit: Fit, links: Sequence[Link], bag: str, fleet: FleetConfig) -> st
             name = '->'.join(filter(None, pair)) or 'all'
             comments.append(f'{kind.value.capitalize()}s, {name}: {groups[pair].text}.')
         group = fit.of_all(kind)
-        parameters[kind.value] = {
-            name: value
-            for name, value in (group.bounds if group else {}).items()
-            if f'{kind.value}.{name}' in TABLE
-        }
+        parameters[kind.value] = group.bounds if group else {}
     parameters |= {'odometry': fit.odometry, 'robot_odometry': fit.robot_odometry}
     parameters['links'] = [text for link in links if (text := _link_text(fit, link, fleet))]
     return parameters_text(comments, parameters)
