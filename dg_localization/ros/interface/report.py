@@ -120,12 +120,13 @@ def input_statuses(report: Report) -> Iterator[Status]:
     together, and each of them one of its own.
     """
     contradicting = _contradicting(report)
-    topics_of = Counter(link.key for link in report.links)
+    mistaken = sorted(report.wrong_types.keys() - set(report.links), key=attrgetter('topic'))
+    topics_of = Counter(link.key for link in (*report.links, *mistaken))
     peers_of = _peers_of_observers(report)
     shown: set[LinkKey] = set()
-    for link in report.links:
+    for link in (*report.links, *mistaken):
         peers = peers_of.get(link.key.observer, {}) if link.key.kind is LinkKind.PEERS else {}
-        state = _state_of(report, link)
+        state = None if link in mistaken else _state_of(report, link)
         malformed = report.malformed.get(link.topic, NONE_MALFORMED)
         if not (link.explicit or state or malformed.count or link in report.wrong_types):
             continue
@@ -135,7 +136,7 @@ def input_statuses(report: Report) -> Iterator[Status]:
         elif link.key.kind is LinkKind.BEARING and not link.explicit and found == STALE:
             found = Level.OK, 'sees nothing now'
         name = f'{link.key} by {link.topic}' if topics_of[link.key] > 1 else str(link.key)
-        yield _status(report, name, link, _with_wrong_types(report, link, found), state)
+        yield _status(report, name, link, found, state)
         # Two cameras of a robot may see the same one.
         for key in sorted(peers.keys() - shown):
             shown.add(key)
@@ -145,10 +146,6 @@ def input_statuses(report: Report) -> Iterator[Status]:
             elif state is not None and state.in_use and found == STALE:
                 found = Level.OK, 'not measured now'
             yield _status(report, str(key), replace(link, key=key), found, peers[key])
-    for link in sorted(report.wrong_types.keys() - set(report.links), key=attrgetter('topic')):
-        name = f'{link.key} by {link.topic}' if link.key in topics_of else str(link.key)
-        found = _with_wrong_types(report, link, (Level.WARN, 'nothing received'))
-        yield _status(report, name, link, found, None)
 
 
 def _contradicting(report: Report) -> set[LinkKey]:
@@ -207,19 +204,20 @@ def _input_state(
     return Level.WARN, f'nothing acceptable received: {shortened(state.last_reason_text)}'
 
 
-def _with_wrong_types(report: Report, link: Link, found: tuple[Level, str]) -> tuple[Level, str]:
-    """Return a state with the types that others have on the topic."""
-    types = report.wrong_types.get(link)
-    if not types:
-        return found
-    text = f'wrong type: the topic also has {", ".join(types)}, this input is {link.type_name}'
-    return max(found[0], Level.WARN), f'{found[1]}; {text}'
-
-
 def _status(
     report: Report, name: str, link: Link, found: tuple[Level, str], state: InputState | None
 ) -> Status:
-    """Return a status; messages that could not be read count for the topic, not for its peers."""
+    """
+    Return a status, with the types that others have on the topic.
+
+    Messages that could not be read count for the topic, not for its peers.
+    """
+    level, text = found
+    if types := report.wrong_types.get(link):
+        level = max(level, Level.WARN)
+        text += (
+            f'; wrong type: the topic also has {", ".join(types)}, this input is {link.type_name}'
+        )
     values = {'topic': link.topic, 'type': link.type_name, 'accepted': '0', 'rejected': '0'}
     if state is not None:
         values['accepted'] = str(state.accepted)
@@ -233,4 +231,4 @@ def _status(
     if malformed.count and link in report.links:
         values['malformed'] = str(malformed.count)
         values['last_malformed'] = malformed.last
-    return Status(found[0], f'{report.node}: input {name}', found[1], link.key.observer, values)
+    return Status(level, f'{report.node}: input {name}', text, link.key.observer, values)
