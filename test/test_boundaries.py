@@ -40,17 +40,7 @@ ALLOWED = {
     },
     'msg_adapters': set(),
 }
-ROS_FREE = (
-    'dg_localization',
-    'dg_localization.compile_kernels',
-    'dg_localization.optional',
-    'dg_localization.interval',
-    'dg_localization.solver',
-    'dg_localization.poses',
-    'dg_localization.fleet',
-    'dg_localization.calibration',
-    'dg_localization.simulation',
-)
+ROS_FREE = tuple(ALLOWED.keys() - {'dg_localization.ros', 'msg_adapters'})
 ROS_PACKAGES = {
     'ament_index_python',
     'builtin_interfaces',

@@ -9,7 +9,7 @@ are seen by what comes later, also in files that are included; a file is include
 argument that has no default there; every substitution is performed.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, make_dataclass
 from pathlib import Path
 import runpy
 import sys
@@ -18,6 +18,14 @@ from types import ModuleType
 
 class MissingArgumentError(Exception):
     """An argument without a default was not given."""
+
+
+LaunchConfiguration = make_dataclass('LaunchConfiguration', ['name'])
+ParameterValue = make_dataclass('ParameterValue', ['value', 'value_type'])
+IfCondition = make_dataclass('IfCondition', ['predicate'])
+Shutdown = make_dataclass('Shutdown', ['reason'])
+PythonLaunchDescriptionSource = make_dataclass('PythonLaunchDescriptionSource', ['path'])
+LaunchDescription = make_dataclass('LaunchDescription', ['entities'])
 
 
 @dataclass
@@ -44,22 +52,6 @@ class Context:
 
 
 @dataclass
-class LaunchConfiguration:
-    name: str
-
-
-@dataclass
-class ParameterValue:
-    value: object
-    value_type: type
-
-
-@dataclass
-class IfCondition:
-    predicate: object
-
-
-@dataclass
 class DeclareLaunchArgument:
     name: str
     default_value: object = None
@@ -83,16 +75,6 @@ class LogInfo:
     def visit(self, context):
         if context.holds(self.condition):
             context.lines.append(context.text(self.msg))
-
-
-@dataclass
-class Shutdown:
-    reason: str
-
-
-@dataclass
-class PythonLaunchDescriptionSource:
-    path: str
 
 
 @dataclass
@@ -123,11 +105,6 @@ def required(entities):
             given = [name for name, _ in entity.launch_arguments]
             inside = required(described(entity.source.path).entities)
             yield from (name for name in inside if name not in given)
-
-
-@dataclass
-class LaunchDescription:
-    entities: list
 
 
 @dataclass

@@ -10,6 +10,7 @@ import sys
 from threading import Event
 import time
 from types import ModuleType
+from unittest.mock import Mock
 
 from builtin_interfaces.msg import Time
 import pytest
@@ -157,33 +158,18 @@ def test_second_node_of_the_same_name_is_reported(bench, make_node):
 
 
 def test_bond_with_the_manager_is_formed_while_active(bench, make_node, monkeypatch):
-    events = []
-
-    class Bond:
-        def __init__(self, topic, identifier, node):
-            events.append((topic, identifier))
-
-        def start(self):
-            events.append('start')
-
-        def break_bond(self):
-            events.append('break')
-
-        def shutdown(self):
-            events.append('shutdown')
-
-    package, module = ModuleType('bondpy'), ModuleType('bondpy.bondpy')
-    package.__spec__ = module.__spec__ = object()
-    package.__path__ = []
-    module.Bond = Bond
-    monkeypatch.setitem(sys.modules, 'bondpy', package)
-    monkeypatch.setitem(sys.modules, 'bondpy.bondpy', module)
+    bond = Mock()
+    for name in ('bondpy', 'bondpy.bondpy'):
+        module = ModuleType(name)
+        module.__spec__, module.__path__, module.Bond = object(), [], bond
+        monkeypatch.setitem(sys.modules, name, module)
     make_node(autostart=False)
-    assert bench.transition('configure') and events == []
+    assert bench.transition('configure') and not bond.called
     assert bench.transition('activate')
-    assert events == [('bond', 'localizer'), 'start']
+    assert bond.call_args.args[:2] == ('bond', 'localizer')
     assert bench.transition('deactivate')
-    assert events[2:] == ['break', 'shutdown']
+    calls = [name for name, *_ in bond.return_value.method_calls]
+    assert calls == ['start', 'break_bond', 'shutdown']
 
 
 def test_managed_node_without_bondpy_names_the_setting(bench, make_node, monkeypatch):
