@@ -8,6 +8,7 @@ from pathlib import Path
 import runpy
 import sys
 import tempfile
+from types import SimpleNamespace
 
 import pytest
 
@@ -50,6 +51,19 @@ def third_party_messages(monkeypatch):
 @pytest.fixture(scope='session')
 def shared():
     return SharedData(REPOSITORY.parent / 'shared')
+
+
+@pytest.fixture(scope='session')
+def setup_arguments():
+    """Run setup.py without setting up anything, and return what it asks for."""
+    import setuptools
+
+    asked = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(setuptools, 'setup', lambda **arguments: asked.update(arguments))
+        patch.chdir(REPOSITORY)
+        runpy.run_path('setup.py')
+    return SimpleNamespace(**asked)
 
 
 def pytest_configure(config):

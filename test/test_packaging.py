@@ -9,10 +9,8 @@ from importlib import import_module
 import os
 from pathlib import Path
 import re
-import runpy
 import subprocess
 import sys
-from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import pytest
@@ -32,19 +30,6 @@ ROSDEP_KEYS = {
     'python3-pytest-timeout',
     'python3-yaml',
 }
-
-
-@pytest.fixture(scope='module')
-def setup_arguments():
-    """Run setup.py without setting up anything, and return what it asks for."""
-    import setuptools
-
-    asked = {}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(setuptools, 'setup', lambda **arguments: asked.update(arguments))
-        patch.chdir(REPOSITORY)
-        runpy.run_path('setup.py')
-    return SimpleNamespace(**asked)
 
 
 @pytest.fixture(scope='module')

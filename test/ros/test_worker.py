@@ -54,3 +54,19 @@ one.close()
 sys.exit(worker.exit_code_despite_worker(3))
 """
     assert subprocess.run([sys.executable, '-c', code], timeout=60.0).returncode == 3
+
+
+FREEZING = """
+import gc
+from dg_localization.ros.node.worker import load_for_good
+load_for_good()
+print(gc.get_freeze_count(), len(gc.get_objects()))
+"""
+
+
+def test_collections_leave_out_what_the_kernels_are_made_of():
+    done = subprocess.run(
+        [sys.executable, '-c', FREEZING], capture_output=True, text=True, timeout=600, check=True
+    )
+    left_out, looked_at = map(int, done.stdout.split())
+    assert left_out > 100 * looked_at
