@@ -62,9 +62,8 @@ class Identities:
         named = link.key.observer
         name = self._names.get(observer_id, IGNORED) if observer_id else named
         if name == ANY_OBSERVER:
-            raise ValueError(
-                f'nobody measured: name the observer in the link of {link.topic} instead'
-            )
+            advice = f'name the observer in the link of {link.topic} instead of {ANY_OBSERVER}'
+            raise ValueError(f'the message does not say who measured: {advice}')
         if name == IGNORED:
             raise ValueError(f"observer id '{observer_id}' is nobody's in the parameter `ids`")
         if named not in (ANY_OBSERVER, name):
