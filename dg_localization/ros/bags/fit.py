@@ -380,8 +380,7 @@ def broken_bounds(
             if len(times_s):
                 text = (
                     f'The stated bounds of {key} are broken from {times_s[0]:.1f} to '
-                    f'{times_s[-1]:.1f} s: {len(times_s)} times, by readings that are off by up '
-                    f'to {sizes.max():.2f} {unit}'
+                    f'{times_s[-1]:.1f} s: {len(times_s)} times, by up to {sizes.max():.2f} {unit}'
                 )
                 found.append((float(times_s[0]), text))
     found.sort()

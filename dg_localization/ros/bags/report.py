@@ -258,11 +258,7 @@ def truth_parts(truth: Tree) -> Iterator[str | Table]:
     text = f'The truth is inside a hypothesis in {truth["held"]} of {truth["compared"]} answers.'
     for name, sentence in (
         ('infeasible', 'have no placement at all: the measurements contradict each other'),
-        (
-            'unlisted',
-            'have more hypotheses than max_hypotheses, and those that are left out were not '
-            'compared',
-        ),
+        ('unlisted', 'have more hypotheses than max_hypotheses, which were not compared'),
         ('uncompared', 'have no ground truth at their time'),
     ):
         text += f' {truth[name]} answers {sentence}.' if truth[name] else ''
@@ -302,10 +298,8 @@ def spans(runs: Iterable[Tree], *names: str) -> dict[tuple[Any, ...], str]:
 
 def gap_text(first_s: float, last_s: float) -> str:
     """Return a sentence on a time without any message of an input."""
-    return (
-        f'Nothing was received from {first_s:.1f} to {last_s:.1f} s of the bag '
-        f'({timedelta(seconds=round(last_s - first_s))}): this gap is skipped.'
-    )
+    span, lasts = f'{first_s:.1f} to {last_s:.1f} s', timedelta(seconds=round(last_s - first_s))
+    return f'Nothing was received from {span} of the bag ({lasts}): this gap is skipped.'
 
 
 def _ticks(number: int) -> str:
