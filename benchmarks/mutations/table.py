@@ -343,7 +343,7 @@ SEARCHING = [
     *_in(
         'solver/place',
         'existence',
-        ('test/solver/test_proved.py',),
+        ('test/solver/test_result.py',),
         (
             'a placement of another hypothesis is proved',
             'return positions, boxes is None or any(lies_in(box, positions) for box in boxes)',
@@ -932,7 +932,7 @@ FLEET = [
     *_in(
         'fleet',
         'odometry_error',
-        ('test/fleet/test_scaled_odometry.py',),
+        ('test/fleet/test_window_soundness.py::test_the_truth_is_never_lost',),
         (
             'the scale of odometry is ignored',
             'if self.translation_scale == 1.0:',

@@ -145,8 +145,12 @@ def _draw_settings(history, rng):
 
 
 def _draw_lies(history, rng):
-    """Draw by how much observations are off, as many of each two bodies as are tolerated."""
-    of_bodies = {}
+    """
+    Draw by how much observations are off, as many of each two bodies as are tolerated.
+
+    Half of the time they are of one pair of points, one after the other, and off alike.
+    """
+    of_bodies, most, agree = {}, history.config.window_outliers, rng.random() < 0.5
     for observed in history.observed:
         first, second = (_body_of(history, point) for point in observed[:2])
         # What two anchors say of each other counts as it is.
@@ -154,8 +158,13 @@ def _draw_lies(history, rng):
             of_bodies.setdefault(frozenset({first, second}), []).append(observed)
     lies = {}
     for observations in of_bodies.values():
-        for k in rng.integers(len(observations), size=history.config.window_outliers):
+        first, off = int(rng.integers(len(observations))), rng.uniform(-4.0, 4.0)
+        for k in rng.integers(len(observations), size=most):
             lies[observations[k]] = rng.uniform(-4.0, 4.0)
+        if agree:
+            alike = [one for one in observations[first:] if one[:2] == observations[first][:2]]
+            lies = {one: lies[one] for one in lies if one not in observations}
+            lies |= dict.fromkeys(alike[:most], off)
     return lies
 
 

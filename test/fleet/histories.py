@@ -415,7 +415,7 @@ def draw_any(seed, dimension=2, seconds=SECONDS):
         int(rng.choice([0, 0, 1, 2])) if robots > 1 else 0,
         dimension,
         memory_s=float(memory_s),
-        window_outliers=int(rng.choice([0, 0, 1])),
+        window_outliers=int(rng.choice([0, 0, 1, 5])),
     )
 
 

@@ -29,21 +29,6 @@ def test_a_late_stamp_leaves_all_that_lies_between_the_samples_around_it():
     assert (lower_m <= farthest_m).all() and (farthest_m <= upper_m).all()
 
 
-def test_equal_stamps_need_not_be_equal_times():
-    """A stamp since 1970 is a double to the tenth of a microsecond: the robot moves meanwhile."""
-    stamp_s, speed_m_s, later_s = 1.7e9, 10.0, 1.1e-7
-    assert stamp_s + later_s == stamp_s
-    stamps_s = [stamp_s - 1.0, stamp_s, stamp_s + 1.0]
-    places_m = [[-speed_m_s, 0.0, 0.0], [0.0, 0.0, 0.0], [speed_m_s, 0.0, 0.0]]
-    error, limits = OdometryErrorModel(max_gap_s=math.inf), MotionLimits(speed_m_s, 1.0)
-    path = level_path(stamps_s, places_m, error, limits)
-    for time_s, now_s in ((stamp_s, stamp_s + 1.0), (stamp_s - 1.0, stamp_s)):
-        position_m = path.past_poses([time_s], now_s).position_m
-        true_m = -speed_m_s * (1.0 - later_s)
-        assert position_m.lower[0, 0] <= true_m <= position_m.upper[0, 0]
-        assert position_m.upper[0, 0] - position_m.lower[0, 0] < 1e-4
-
-
 def test_between_two_samples_the_errors_of_the_step_count():
     """A robot that turns on the spot, as its odometry says, goes and turns by its errors."""
     error = OdometryErrorModel(translation_per_rad=0.1, rotation_per_rad=0.5, max_gap_s=math.inf)

@@ -50,20 +50,6 @@ def test_a_chirality_needs_a_sign_that_is_certain(second, signs):
     assert all(chirality.points == (0, 1, 2) for chirality in constraints.chiralities)
 
 
-def test_odometry_turns_a_ray_instead_of_widening_it():
-    localizer = make(max_age_s=5.0)
-    localizer.add_bearing('a', 'b', ray(0.0), NOW_S - 1.0, NOW_S)
-    for tick in range(11):
-        half = 0.05 * tick * 0.5
-        pose = [0.0, 0.0, math.sin(half), math.cos(half)]
-        localizer.add_odometry('a', [0.0, 0.0, 0.0], pose, NOW_S - 1.0 + 0.1 * tick, NOW_S)
-    (seen,) = constrain(localizer.snapshot(NOW_S)).rays['a']
-    assert math.atan2(seen.direction[1], seen.direction[0]) == pytest.approx(-0.5)
-    error = localizer.config.odometry_error
-    turned_rad = error.rotation_per_rad * 0.5 + error.constant_rad
-    assert seen.half_width_rad == pytest.approx(0.1 + turned_rad)
-
-
 def test_a_robot_that_is_only_seen_is_triangulated():
     localizer = make(bearing_half_width_rad=0.01)
     localizer.add_range('a', 'b', 4.0, NOW_S, NOW_S)

@@ -109,14 +109,6 @@ def test_a_reading_of_another_time_is_widened_by_how_far_it_can_climb(after_s, s
     enclosure_of(localizer, now_s)
 
 
-def test_a_clock_that_is_off_widens_readings():
-    """The range was measured 0.1 s later than its stamp says."""
-    localizer = make(stamp_error_s=0.05)
-    localizer.add_elevation('r', 8.0, NOW_S, NOW_S)
-    measure(localizer, 8.0 + 0.1 + 0.1 * 1.99)
-    enclosure_of(localizer)
-
-
 @pytest.mark.parametrize('after_s', [1.5, -1.5])
 def test_a_reading_of_another_time_counts_no_more(after_s):
     """Nor does one of a time to come, after the clock went back."""

@@ -256,17 +256,6 @@ CUBE = {
 }
 
 
-def test_in_space_without_bearings_both_mirror_images_are_there():
-    localizer = make_localizer(CUBE, dimension=3)
-    add_ranges(localizer, CUBE)
-    estimate = localizer.step(NOW_S)
-    assert str(estimate.frame) == 'origin at a, x towards b, y on the side of c'
-    found = sorted(estimate.placements, key=lambda placement: placement.positions_m[3, 2])
-    assert len(found) == 2
-    assert_holds(found[1], rows(CUBE))
-    assert_holds(found[0], rows(CUBE) * [1.0, 1.0, -1.0])
-
-
 def test_in_space_two_rays_fix_a_heading_and_three_the_chirality():
     localizer = make_localizer(CUBE, dimension=3)
     add_ranges(localizer, CUBE)

@@ -75,12 +75,6 @@ def test_what_is_stuck(value_of, motion, count, stuck):
     assert bool(state.stuck) == stuck
 
 
-@pytest.mark.parametrize(('stamp_s', 'stuck'), [(None, True), (START_S, False)])
-def test_one_message_that_comes_again_and_again_is_no_stuck_sensor(stamp_s, stuck):
-    _, state = watched(lambda step: 3.0, driving, 10, stamp_s)
-    assert bool(state.stuck) == stuck
-
-
 def test_stuck_readings_are_dropped_only_if_wanted():
     _, state = watched(lambda step: 3.0, driving, 30, drop_stuck=True)
     assert 0 < state.rejected[RejectionReason.STUCK] < 30

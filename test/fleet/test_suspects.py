@@ -101,18 +101,6 @@ def test_a_whole_sensor_may_be_what_is_dropped():
     assert holds(estimate, TRUTH)
 
 
-def test_a_whole_robot_may_be_what_is_dropped():
-    localizer = make_localizer(max_outliers=1, outlier_unit='robot')
-    wrong = {pair for pair in PAIRS if 'c' in pair}
-    feed(localizer, long=wrong, turned=wrong)
-    estimate = localizer.step(NOW_S)
-    assert 'c' in names(estimate.suspects)
-    assert any(
-        {robot for key in p.dropped for robot in key.ends if robot in ROBOTS} >= {'c'}
-        for p in estimate.placements
-    )
-
-
 def test_a_culprit_is_named_although_nothing_may_be_dropped():
     localizer = make_localizer()
     feed(localizer, long={('b', 'p')}, turned={('b', 'p')})

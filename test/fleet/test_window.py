@@ -56,16 +56,6 @@ def test_what_robots_remember_of_each_other_connects_them(measured):
     assert estimate.n_hypotheses == 1
 
 
-def test_robots_are_connected_for_half_the_memory():
-    fleet = Circling(3, memory_s=6.0)
-    *_, estimate = fleet.drive(6.0)
-    *_, estimate = fleet.drive(2.0, pairs=())
-    assert estimate.placements
-    *_, estimate = fleet.drive(2.0, pairs=())
-    assert not estimate.placements
-    assert 'stale' in estimate.reason
-
-
 @pytest.mark.parametrize('anchors', [{}, {'a': Anchor((-4.0, -3.0)), 'b': Anchor((5.0, -3.0))}])
 def test_the_best_point_of_robots_without_cameras_is_that_of_the_window(anchors):
     fleet = Circling(3, noise=NOISE, anchors=anchors)
@@ -268,19 +258,6 @@ def test_a_wrong_range_is_noticed_that_the_memory_thins_out():
         assert not estimate.forgotten and 'doubt' not in estimate.reason
     after = remembered(fleet)
     assert all(len(after[ends]) >= len(stamps) for ends, stamps in before.items())
-
-
-def test_what_the_moment_says_is_answered_when_the_window_contradicts_it():
-    fleet = Circling(3)
-    assert all(not estimate.forgotten for estimate in fleet.drive(10.0))
-    fleet.shift_m[:] = [[3.0, 1.0], [-1.0, 3.0], [0.0, 0.0]]
-    forgotten = []
-    for estimate in fleet.drive(6.0):
-        assert estimate.verdict is Verdict.COVERED
-        assert fleet.holding(estimate)
-        forgotten += estimate.forgotten
-    assert any('contradicts what is measured now' in item.text for item in forgotten)
-    assert not estimate.forgotten
 
 
 def test_a_cancelled_estimate_is_that_of_the_moment():

@@ -72,8 +72,3 @@ class MovedFleet:
             Interval(lower, upper),
             *seen,
         )
-
-    def mirrored(self):
-        """Return the bounds of the mirror image of the places."""
-        signs = np.array([1.0, -1.0, 1.0])
-        return np.sort(np.stack([self.lower * signs, self.upper * signs]), axis=0)

@@ -119,14 +119,6 @@ def test_what_is_no_reading_is_refused(changes, message):
         PairReadings.of(zero, zero, **changes)
 
 
-@pytest.mark.parametrize(
-    'wrong', [{'max_outliers': -1}, {'resolution_m': 0.0}, {'max_boxes': 0}], ids=str
-)
-def test_what_is_no_option_is_refused(wrong):
-    with pytest.raises(ValueError, match=next(iter(wrong))):
-        PairOptions(**wrong)
-
-
 PLAIN = """
 import pickle, sys
 from dg_localization.poses import PairOptions, cover_poses

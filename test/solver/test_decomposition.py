@@ -40,13 +40,6 @@ def decomposed(n_points, pairs, dimension=2):
     return set(pieces), joints
 
 
-def test_a_point_with_two_distances_takes_the_third_side_from_the_piece_it_hangs_on():
-    answer = pieces_of(5, as_array(complete(0, 1, 2, 3, without={(1, 3)}) | {(1, 4), (3, 4)}), 2)
-    assert answer.pieces == ((0, 1, 2, 3), (1, 3, 4))
-    (joint,) = answer.joints
-    assert (joint.pieces, joint.points, joint.kind) == ((0, 1), (1, 3), REFLECTION)
-
-
 def test_the_double_banana_turns_about_a_line():
     """As many pairs as eight rigid points need, and yet a flex: Maxwell's count fails in space."""
     first, second = (0, 1, 2, 3, 4), (0, 1, 5, 6, 7)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from solver_cases import random_case
 
-from dg_localization import Chirality, Problem, SideConstraint, SolverOptions, Verdict, solve
+from dg_localization import Problem, SolverOptions, solve
 
 SEEDS = range(60)
 
@@ -24,42 +24,6 @@ def assert_same_cover(result, other, factor=1.0):
     assert len(result.hypotheses) == len(other.hypotheses)
     for box, other_box in zip(cover_of(result), cover_of(other), strict=True):
         assert np.array_equal(factor * box, other_box)
-
-
-def relabelled(problem, order):
-    """Return the problem whose point k is point order[k] of `problem`."""
-    new = {int(old): k for k, old in enumerate(order)}
-    return Problem(
-        problem.lower[np.ix_(order, order)],
-        problem.upper[np.ix_(order, order)],
-        problem.dimension,
-        [
-            SideConstraint(tuple(new[p] for p in c.face), new[c.first], new[c.second], c.side)
-            for c in problem.sides
-        ],
-        [Chirality(tuple(new[p] for p in c.points), c.sign) for c in problem.chiralities],
-    )
-
-
-@pytest.mark.parametrize('relative_error', [0.0001, 0.03])
-@pytest.mark.parametrize('n_sides', [0, 3])
-def test_relabelling_the_fleet_relabels_the_answer(paper_fleet, relative_error, n_sides):
-    """The axes are tried in another order, so the hulls agree up to the last sweep's gain."""
-    problem = paper_fleet.noisy_problem(relative_error, paper_fleet.SIDES[:n_sides])
-    known = solve(problem)
-    for seed in range(5):
-        order = np.random.default_rng(seed).permutation(problem.n_points)
-        result = solve(relabelled(problem, order))
-        assert result.verdict is Verdict.COVERED
-        assert len(result.hypotheses) == len(known.hypotheses)
-        for hypothesis in known.hypotheses:
-            lower = hypothesis.lower[np.ix_(order, order)]
-            upper = hypothesis.upper[np.ix_(order, order)]
-            allowed = 0.25 * (upper - lower) + 1e-6
-            assert any(
-                np.all(abs(h.lower - lower) <= allowed) and np.all(abs(h.upper - upper) <= allowed)
-                for h in result.hypotheses
-            )
 
 
 @pytest.mark.parametrize('power', [-25, 3, 30])

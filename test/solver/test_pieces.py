@@ -143,20 +143,3 @@ def test_what_is_within_several_boxes_is_a_hypothesis_in_each():
         assert low <= hypothesis.lower[0, 2] <= hypothesis.upper[0, 2] <= high
         apart_m2 = squared_distances(hypothesis.positions)[0, 2]
         assert low <= apart_m2 <= high or not hypothesis.proved
-
-
-@pytest.mark.parametrize('least_m', [0.0, 1e-6])
-@pytest.mark.parametrize('n_boxes', [1, 2])
-def test_boxes_that_no_chain_of_distances_reaches_hold_no_placement(n_boxes, least_m):
-    """In line, the ends of the chain are between the distances that the two boxes ask for."""
-    step = (1.0, 1.21)
-    chain = {(0, 1): step, (1, 2): step, (2, 3): step}
-    lower, upper = bounds(4, chain)
-    lower[0, 3] = lower[3, 0] = least_m**2
-    boxes = [
-        bounds(4, chain | {(0, 2): (0.0, 0.01), (0, 3): ends})
-        for ends in ((0.0, 0.04), (6.25, 9.0))
-    ]
-    result = solve(Problem(lower, upper), within=boxes[:n_boxes])
-    assert result.verdict is Verdict.INFEASIBLE
-    assert result.hypotheses == ()

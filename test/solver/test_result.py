@@ -71,6 +71,10 @@ def check_claims(problem, result):
             assert not hypothesis.proved
         else:
             assert hypothesis.positions.shape == (n_points, dimension)
+            squared = squared_distances(hypothesis.positions)
+            slack = 1e-9 * max(squared.max(), 1e-300)
+            is_in = (hypothesis.lower - slack <= squared) & (squared <= hypothesis.upper + slack)
+            assert not hypothesis.proved or is_in.all()
             assert (
                 not hypothesis.proved
                 or agrees_exactly(problem, hypothesis.positions)
