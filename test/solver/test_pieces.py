@@ -9,6 +9,7 @@ import pytest
 from solver_cases import bounds, squared_distances
 
 from dg_localization import (
+    Chirality,
     Problem,
     SolverOptions,
     Verdict,
@@ -106,6 +107,16 @@ def test_progress_adds_up_over_pieces():
     result = solve(strip(5), progress=seen.append)
     assert [statistics.processed for statistics in seen] == [1, 2, 3, 4, 5]
     assert seen[-1].kept == result.statistics.kept == 5
+
+
+def test_a_box_that_connects_a_point_places_it():
+    """Only the box that is asked for bounds the distance between a triangle and a lone point."""
+    problem = known(TWO_FOURS_M[:4], [(0, 1, 2)], chiralities=[Chirality((0, 1, 2), 1)])
+    near = problem.upper.copy()
+    near[[0, 3], [3, 0]] = 25.0
+    (hypothesis,) = solve(problem, within=[(problem.lower, near)]).hypotheses
+    assert np.isfinite(hypothesis.upper).all() and hypothesis.proved
+    assert squared_distances(hypothesis.positions)[0, 3] <= 25.0 + 1e-9
 
 
 def test_within_keeps_to_what_was_proved_before():
