@@ -857,7 +857,7 @@ FLEET = [
     *_in(
         'fleet',
         'frames/enclosure',
-        ('test/fleet/test_rigidity.py', *SOUND),
+        SOUND,
         (
             'only one box of a hypothesis is enclosed',
             'found.append((image, reduce(Interval.hull, enclosures)))',

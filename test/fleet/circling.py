@@ -42,6 +42,7 @@ class Circling:
         """How far robots were carried, which odometry does not see."""
         self.started_m, self.scale = np.zeros(2), 1.0
         """Where odometry starts, and how many meters its unit has."""
+        self.centers_m, self.rates = CENTERS[:robots], RATES[:robots]
         self._rng = np.random.default_rng(0)
 
     @property
@@ -51,11 +52,10 @@ class Circling:
     def poses(self):
         """Return true positions (n, 2) and yaws (n,)."""
         n = len(self.names)
-        angles = RATES[:n] * self.time_s + np.arange(n)
+        angles = self.rates * self.time_s + np.arange(n)
         around = RADII_M[:n, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-        forward = np.sign(RADII_M[:n] * RATES[:n])
-        yaws = angles + forward * 0.5 * math.pi
-        return CENTERS[:n] + around + self.shift_m, yaws
+        yaws = angles + np.sign(RADII_M[:n] * self.rates) * 0.5 * math.pi
+        return self.centers_m + around + self.shift_m, yaws
 
     def measure(self, *, pairs=None, anchors=True, bearings=True, odometry=None):
         """Measure pairs of robots, or all, once."""

@@ -278,6 +278,10 @@ HALF_A_TURN = {
 }
 
 
+# A mirror image that the pose of a robot among anchors rules out, of which nothing is remembered.
+RULED_OUT_AT_ONCE = {**HALF_A_TURN, 'integer': False, 'bearing_error': 0.5, 'one_image': True}
+
+
 @settings(max_examples=EXAMPLES, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
@@ -290,6 +294,8 @@ HALF_A_TURN = {
     options=OPTIONS,
 )
 @example(866, 2, 3, 1, 0.0, 1.0, 1e-6, HALF_A_TURN)
+@example(2233, 3, 6, 3, 0.3, 0.0, 0.1, {**HALF_A_TURN, 'integer': False, 'odometry': False})
+@example(3, 2, 5, 2, 2.0, 0.0, 1e-6, RULED_OUT_AT_ONCE)
 @example(12212949, 2, 5, 0, 0.0, 0.0, 1e-6, HALF_A_TURN)
 def test_the_truth_is_never_lost(seed, q, n_robots, n_landmarks, speed, turn_rate, error, options):
     rng = np.random.default_rng(seed)

@@ -230,11 +230,11 @@ class Recollection:
         return Remaining((*refined.placements, *others), sentences + refined.ruled_out)
 
     def _over(self, pair: Pair) -> str:
-        """Return the name of a pair and for how long it has measured."""
+        """Return the name of a pair and for how long it has measured, if not just now."""
         first, second = pair
         robots = self.config.robots
         names = f'{"anchors" if first == WORLD else robots[first]} - {robots[second]}'
-        return f'{names} over {self.spans_s[pair]:.0f} s'
+        return f'{names} over {self.spans_s[pair]:.0f} s' if pair in self.spans_s else names
 
 
 def recall(
