@@ -922,7 +922,7 @@ FLEET = [
     *_in(
         'fleet',
         'config',
-        ('test/fleet/test_fleet_inputs.py',),
+        ('test/fleet/test_fleet_config.py',),
         (
             'the odometry of a robot errs as that of all does',
             'error = self.robot_odometry_error.get(robot, self.odometry_error)',
@@ -932,7 +932,7 @@ FLEET = [
     *_in(
         'fleet',
         'odometry_error',
-        ('test/fleet/test_window_soundness.py::test_the_truth_is_never_lost',),
+        ('test/fleet/test_scaled_odometry.py',),
         (
             'the scale of odometry is ignored',
             'if self.translation_scale == 1.0:',
