@@ -213,12 +213,6 @@ def fit_half_width_rad(errors_rad: ArrayLike, choice: Choice) -> float:
     return min(math.pi, rounded_outward((0.0, widest * (1.0 + choice.margin)))[1])
 
 
-def excluded_ranges(model: RangeErrorModel, readings_m: ArrayLike, errors_m: ArrayLike) -> int:
-    """Return how many readings do not hold the true distance under these bounds."""
-    pairs = zip(np.asarray(readings_m).tolist(), np.asarray(errors_m).tolist(), strict=True)
-    return sum(not range_holds(model, reading, reading - error) for reading, error in pairs)
-
-
 def range_holds(model: RangeErrorModel, reading_m: float, distance_m: float) -> bool:
     """Return whether a reading holds the true distance under some bounds."""
     low_m, high_m = distance_bounds_m(model, reading_m)

@@ -4,7 +4,7 @@
 """Error bounds from the readings of a bag, beside a ground truth or beside each other."""
 
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import NamedTuple, TypeAlias
@@ -16,14 +16,12 @@ from dg_localization.calibration.answers import FleetTruth
 from dg_localization.calibration.bounds import (
     Choice,
     Shape,
-    excluded_ranges,
     fit_half_width_rad,
     fit_range,
     missing_m,
     range_holds,
     rounded_outward,
     shape_of,
-    shortest_band,
 )
 from dg_localization.calibration.truth import TrueTrack, range_errors_m
 from dg_localization.fleet import FleetConfig, LinkKey, LinkKind, RangeErrorModel, SensorBounds
@@ -167,24 +165,16 @@ def fit(
         _add_delays(learned, stated, tracks, links, fleet.dimension)
         errors = errors_of(gatherer, tracks, learned.offsets_s)
     learned.judged = frozenset(key for key, one in errors.items() if len(one.errors))
-    ranges = _gathered(errors, LinkKind.RANGE, per)
-    shape = Shape()
-    if truth and EVERYTHING in ranges:
-        shape = shape_of(ranges[EVERYTHING].values, ranges[EVERYTHING].errors, choice)
-    learned.groups = {
-        LinkKind.RANGE: {
-            pair: _range_group(one, choice, shape)
+    for kind in (LinkKind.RANGE, LinkKind.BEARING):
+        gathered, shape = _gathered(errors, kind, per), Shape()
+        if truth and kind is LinkKind.RANGE and EVERYTHING in gathered:
+            shape = shape_of(gathered[EVERYTHING].values, gathered[EVERYTHING].errors, choice)
+        learned.groups[kind] = {
+            pair: _known_group(kind, one, choice, shape, fleet.dimension)
             if truth
-            else _scatter_group(one, _stated(gatherer, LinkKind.RANGE, pair).range_error, choice)
-            for pair, one in ranges.items()
-        },
-        LinkKind.BEARING: {
-            pair: _bearing_group(
-                one, choice, fleet, None if truth else _stated(gatherer, LinkKind.BEARING, pair)
-            )
-            for pair, one in _gathered(errors, LinkKind.BEARING, per).items()
-        },
-    }
+            else _scatter_group(kind, one, choice, _stated(gatherer, kind, pair))
+            for pair, one in gathered.items()
+        }
     if truth is None:
         if not learned.judged:
             raise BagError('no input has five readings within a second: nothing can be learned')
@@ -222,80 +212,64 @@ def _stated(gatherer: Gatherer, kind: LinkKind, pair: Pair) -> SensorBounds:
     return max(of_group, key=lambda one: one.range_error.max_error_m - one.range_error.min_error_m)
 
 
-def _group(
-    one: Errors,
-    bounds: dict[str, float],
-    seen: str,
-    excluded: int,
-    excluded_of: Callable[[Errors, Errors], int] | None = None,
+def _known_group(
+    kind: LinkKind, one: Errors, choice: Choice, shape: Shape, dimension: int
 ) -> GroupFit:
-    """
-    Return bounds with what was seen in words.
+    """Return the bounds of readings whose errors are known, and how well a half tells them."""
 
-    The function returns how many of the second readings bounds learned of the first exclude.
-    """
-    text = f'{len(one.errors)} readings, {seen}; {_percent(excluded, one)} excluded'
+    def learn(part: Errors) -> SensorBounds:
+        if kind is LinkKind.BEARING:
+            half_width_rad = fit_half_width_rad(part.errors, choice)
+            return SensorBounds(bearing_half_width_rad=half_width_rad)
+        own = shape if part is one else shape_of(part.values, part.errors, choice)
+        return SensorBounds(fit_range(part.values, part.errors, choice, own))
+
+    learned, median = learn(one), float(np.median(one.errors))
+    if kind is LinkKind.RANGE:
+        bounds, seen = range_parameters(learned.range_error), f'median {median:.2f}'
+    else:
+        bounds, seen = {'half_width': learned.bearing_half_width_rad}, f'median {median:.3f}'
+        if dimension == 2:
+            # In space the errors are angles without a sign, and say nothing of the vertical axis.
+            bounds['expected_error'] = median
+    excluded = int(np.count_nonzero(_breaking(learned, kind, one)))
+    text = f'{_seen(kind, one, "error")}, {seen}; {_percent(excluded, one)} excluded'
     is_first = one.stamps_s <= 0.5 * (one.stamps_s.min() + one.stamps_s.max())
-    halves = one.chosen(is_first), one.chosen(~is_first)
-    if excluded_of and min(len(half.errors) for half in halves) >= READINGS:
-        rest = _percent(excluded_of(*halves), halves[1])
+    first, second = one.chosen(is_first), one.chosen(~is_first)
+    if min(len(first.errors), len(second.errors)) >= READINGS:
+        rest = _percent(int(np.count_nonzero(_breaking(learn(first), kind, second))), second)
         text += f'; learned of the first half alone, {rest} of the second excluded'
     return GroupFit(bounds, excluded, text)
+
+
+def _seen(kind: LinkKind, one: Errors, what: str) -> str:
+    digits, unit = (2, 'm') if kind is LinkKind.RANGE else (3, 'rad')
+    low, high = one.errors.min(), one.errors.max()
+    return f'{len(one.errors)} readings, {what} {low:.{digits}f} to {high:.{digits}f} {unit}'
 
 
 def _percent(count: int, one: Errors) -> str:
     return f'{100.0 * count / len(one.errors):.2f} %'
 
 
-def _range_group(one: Errors, choice: Choice, shape: Shape) -> GroupFit:
-    """Return the bounds of ranges whose errors are known."""
-    model = fit_range(one.values, one.errors, choice, shape)
-    low_m, high_m, median_m = one.errors.min(), one.errors.max(), np.median(one.errors)
-    seen = f'error {low_m:.2f} to {high_m:.2f} m, median {median_m:.2f}'
-
-    def excluded_of(first: Errors, second: Errors) -> int:
-        half = shape_of(first.values, first.errors, choice)
-        model = fit_range(first.values, first.errors, choice, half)
-        return excluded_ranges(model, second.values, second.errors)
-
-    excluded = excluded_ranges(model, one.values, one.errors)
-    return _group(one, range_parameters(model), seen, excluded, excluded_of)
-
-
-def _scatter_group(one: Errors, stated: RangeErrorModel, choice: Choice) -> GroupFit:
+def _scatter_group(kind: LinkKind, one: Errors, choice: Choice, stated: SensorBounds) -> GroupFit:
     """Return the stated bounds, no narrower than the scatter."""
-    low_m, high_m = shortest_band(one.errors, choice.keep)
-    seen = f'scatter {low_m:.2f} to {high_m:.2f} m'
-    relative = stated.max_error_relative - stated.min_error_relative
-    stated_m = np.abs(stated.max_error_m - stated.min_error_m + relative * one.values)
-    extra_m, beyond = missing_m(one.errors, 0.5 * stated_m, choice)
-    if extra_m > 0.0:
-        seen += f', which the stated bounds, {stated_m.min():.2f} m apart, cannot hold: widened'
-    wide_m = rounded_outward((stated.min_error_m - extra_m, stated.max_error_m + extra_m))
-    constants = dict(zip(('min_error', 'max_error'), wide_m, strict=True))
-    return _group(one, range_parameters(stated) | constants, seen, beyond)
-
-
-def _bearing_group(
-    one: Errors, choice: Choice, fleet: FleetConfig, stated: SensorBounds | None
-) -> GroupFit:
-    """Return the half width of bearings, no narrower than one that is stated without a truth."""
-    least_rad = stated.bearing_half_width_rad if stated else 0.0
-
-    def excluded_of(first: Errors, second: Errors) -> int:
-        half_width_rad = max(fit_half_width_rad(first.errors, choice), least_rad)
-        return int(np.count_nonzero(np.abs(second.errors) > half_width_rad))
-
-    excluded = excluded_of(one, one)
-    span = f'{one.errors.min():.3f} to {one.errors.max():.3f} rad'
-    bounds = {'half_width': max(fit_half_width_rad(one.errors, choice), least_rad)}
-    if stated is not None:
-        return _group(one, bounds, f'scatter {span}', excluded)
-    bias_rad = float(np.median(one.errors))
-    if fleet.dimension == 2:
-        # In space the errors are angles without a sign, and say nothing of the vertical axis.
-        bounds['expected_error'] = bias_rad
-    return _group(one, bounds, f'error {span}, median {bias_rad:.3f}', excluded, excluded_of)
+    text = _seen(kind, one, 'scatter')
+    if kind is LinkKind.BEARING:
+        half_width_rad = fit_half_width_rad(one.errors, choice)
+        bounds = {'half_width': max(half_width_rad, stated.bearing_half_width_rad)}
+        excluded = int(np.count_nonzero(np.abs(one.errors) > bounds['half_width']))
+    else:
+        model = stated.range_error
+        relative = model.max_error_relative - model.min_error_relative
+        stated_m = np.abs(model.max_error_m - model.min_error_m + relative * one.values)
+        extra_m, excluded = missing_m(one.errors, 0.5 * stated_m, choice)
+        if extra_m > 0.0:
+            text += f', too wide for the stated bounds, {stated_m.min():.2f} m apart: widened'
+        wide_m = rounded_outward((model.min_error_m - extra_m, model.max_error_m + extra_m))
+        bounds = range_parameters(model)
+        bounds |= dict(zip(('min_error', 'max_error'), wide_m, strict=True))
+    return GroupFit(bounds, excluded, f'{text}; {_percent(excluded, one)} excluded')
 
 
 def _add_delays(
