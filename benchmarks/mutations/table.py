@@ -1228,6 +1228,26 @@ PAIRS = [
             'least = sqrt_down(down(square_down(nearest) - square_up(stray)))',
             'least = nearest',
         ),
+        (
+            'a range difference is that of the center of a box',
+            'most - along + below + bent_reference,',
+            'most - along + below,',
+        ),
+        (
+            'a range difference is not turned with the reference',
+            'slope_far = uy * w[turned_target] - ux * w[turned_target + 1] - vy * x + vx * y',
+            'slope_far = uy * w[turned_target] - ux * w[turned_target + 1]',
+        ),
+    ),
+    *_in(
+        'poses',
+        'differences',
+        ('test/poses/test_poses_never_lose.py::test_no_truth_is_lost_by_range_differences_alone',),
+        (
+            'nothing is farther away than the beacons',
+            'far_m = sum_up(e_m, quotient_up(square_up(e_m), float(off_m.min())))',
+            'far_m = e_m',
+        ),
     ),
     *_in(
         'poses',

@@ -36,6 +36,7 @@ COUNTS = (0, 1, 2, 3, 7, 2**16, 2**31, 2**32 - 1)
 TEXTS = ('', 'r0', 'map', '/', '../../etc/passwd', '{observer}', '%s %n', 'röbot', '🤖', '\u202e')
 TEXTS += ('a\tb\nc', '\x01', 'x' * 500, '\ud7ff', '\ufeff', 'é' * 200)
 NAMES = ('peer', 'range', 'x', 'y', 'z', '', 'peer ', 'Peer', 'intensity', '🤖')
+NAMES += ('reference', 'range_difference')
 
 
 @dataclass
