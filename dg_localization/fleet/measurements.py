@@ -231,9 +231,8 @@ class MeasurementStore:
             with self._counted(together) as refused:
                 target, reference, value = read_peer(row)
                 is_range = is_single(value) and not reference
-                kind = LinkKind.RANGE if is_range else LinkKind.BEARING
-                kind = LinkKind.RANGE_DIFFERENCE if reference else kind
-                key = LinkKey(kind, observer, target, reference)
+                others = LinkKind.RANGE_DIFFERENCE if reference else LinkKind.BEARING
+                key = LinkKey(LinkKind.RANGE if is_range else others, observer, target, reference)
                 with self._counted(key, again=True):
                     self._admission.check_link(key)
                     message = RangeMessage(value) if is_range else value

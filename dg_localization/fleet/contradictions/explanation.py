@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
+import math
 
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.contradictions.conflicts import Explanation, Limits, explain
@@ -160,6 +161,6 @@ def _suspect(observer: str, target: str, observation: Observation) -> Suspect:
         measures.append(LinkKind.BEARING)
     if observation.has_distance:
         measures.append(LinkKind.RANGE)
-    if observation.reference:
+    if observation.most_m < math.inf:
         measures.append(LinkKind.RANGE_DIFFERENCE)
     return Suspect(SuspectKind.OBSERVATION, observer, target, tuple(measures), observation.stamp_s)

@@ -8,7 +8,6 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from itertools import chain
 import math
 from operator import attrgetter
 from types import MappingProxyType
@@ -53,10 +52,8 @@ class Observation:
         Its likeliest error about the vertical axis.
     likeliest_m : float
         The likeliest distance; NaN where none was measured.
-    reference : str
-        Another point, of a range difference; empty where none was measured.
     least_m, most_m : float
-        Bounds of the distance to the target minus that to the reference.
+        Bounds of a range difference; infinite where none was measured.
 
     """
 
@@ -67,7 +64,6 @@ class Observation:
     half_width_rad: float = math.inf
     expected_error_rad: float = 0.0
     likeliest_m: float = math.nan
-    reference: str = ''
     least_m: float = -math.inf
     most_m: float = math.inf
 
@@ -79,8 +75,7 @@ class Observation:
     def joined(self, reading: DistanceReading | RayReading) -> Observation:
         """Return the observation with a reading of the same time."""
         if isinstance(reading, DistanceReading) and reading.key.reference:
-            least_m, most_m, reference = reading.lower_m, reading.upper_m, reading.key.reference
-            return replace(self, reference=reference, least_m=least_m, most_m=most_m)
+            return replace(self, least_m=reading.lower_m, most_m=reading.upper_m)
         if isinstance(reading, DistanceReading):
             lower_m = max(self.lower_m, reading.lower_m)
             upper_m = min(self.upper_m, reading.upper_m)
@@ -116,9 +111,8 @@ class Window:
         """Return this without what is forgotten between some points."""
         left = {}
         for points, seen in self.observations.items():
-            observer, target = points[:2]
-            spans = (forgotten.get(ends, ()) for ends in ((observer, target), (target, observer)))
-            for after_s, until_s in chain.from_iterable(spans):
+            ends = points[0], points[1]
+            for after_s, until_s in (*forgotten.get(ends, ()), *forgotten.get(ends[::-1], ())):
                 first = bisect_right(seen, after_s, key=STAMP_S)
                 end = bisect_right(seen, until_s, key=STAMP_S)
                 seen = seen[:first] + seen[end:]

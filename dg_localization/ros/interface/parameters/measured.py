@@ -130,17 +130,12 @@ RANGES = Section(
             'm',
             finite=False,
         ),
-    },
-)
-
-
-RANGE_DIFFERENCES = Section(
-    'Range differences',
-    'By how much one anchor is farther away than another, as radios without a common clock tell '
-    'that hear both. They come in the messages of peers, and count for robots with odometry, '
-    'which are remembered. The error of a reading is the reading minus the true difference.',
-    {
-        'range_difference.min_error': Spec(-0.5, 'least error of a range difference', 'm'),
+        'range_difference.min_error': Spec(
+            -0.5,
+            'least error of a range difference, which comes with peers: the reading minus the '
+            'true difference. Robots with odometry, which are remembered, make use of it.',
+            'm',
+        ),
         'range_difference.max_error': Spec(0.5, 'greatest error of a range difference', 'm'),
     },
 )
