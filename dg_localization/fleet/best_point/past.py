@@ -12,7 +12,6 @@ error of the odometry is shared by all that came before it.
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 import math
@@ -27,7 +26,7 @@ from dg_localization.fleet.best_point.terms import AT_ORIGIN, RANGE, RAY, STEP, 
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.directions import best_rotation
 from dg_localization.fleet.snapshot import Snapshot
-from dg_localization.fleet.window.memory import STAMP_S, Ends, Observation
+from dg_localization.fleet.window.memory import Ends
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -204,7 +203,7 @@ def past_of(snapshot: Snapshot, solved: Constraints, turning: Collection[int]) -
         return None
     oldest_s = snapshot.stamp_s - span_s
     ways = {robot: StatedWay(snapshot, robot, oldest_s, rows[robot]) for robot in moving}
-    table, ends = _readings(snapshot, solved, ways)
+    table = _readings(snapshot, solved, ways)
     places_m = np.full((len(solved.points), 2), np.nan)
     for point, box in snapshot.anchors.boxes.items():
         if config.points[point] in rows:
@@ -220,12 +219,13 @@ def past_of(snapshot: Snapshot, solved: Constraints, turning: Collection[int]) -
     for number, way in enumerate(known):
         way.place_bodies(len(solved.points) + count * number, count)
     ends_of_all, steps = _ends(table, known), [way.steps() for way in known]
+    observed = np.unique(table[:, 11:].astype(int), axis=0)
     return Past(
         Terms.joined([*_packed(table, ends_of_all), *steps]).variant(0),
         np.repeat([way.row for way in known], count),
         np.concatenate([way.poses_now(way.times_s[1:]) for way in known]),
         guesses,
-        frozenset(pair for pair, moved in ends.items() if moved.isdisjoint(left_out)),
+        frozenset((config.points[o], config.points[t]) for o, t in observed.tolist()),
         tuple(
             Terms.joined([*_packed(*_by_errors(way, table, ends_of_all)), own_steps])
             for way, own_steps in zip(known, steps, strict=True)
@@ -236,54 +236,42 @@ def past_of(snapshot: Snapshot, solved: Constraints, turning: Collection[int]) -
 
 def _readings(
     snapshot: Snapshot, solved: Constraints, ways: Mapping[str, StatedWay]
-) -> tuple[FloatArray, dict[Ends, frozenset[int]]]:
+) -> FloatArray:
     """
-    Return what robots on their ways and landmarks observed of each other, and whose ways they are.
+    Return what robots on their ways and landmarks observed of each other, shape (m, 13).
 
     A row has the bodies of observer and target, the time, the likeliest distance and its half
-    width, the bearing and its error, and the arms of both ends; NaN is what was not measured.
+    width, the bearing and its error, the arms of both ends, and the points observer and target;
+    NaN is what was not measured. Range differences are left out: a term has two ends.
     """
-    config, arms = snapshot.config, snapshot.mounts.arms_m
+    config, arms, seen = snapshot.config, snapshot.mounts.arms_m, snapshot.carried.table()
+    if seen is None:
+        return np.empty((0, 13))
     fixed = config.anchors.keys() & solved.rows.keys()
-    # How a parked robot is turned, and so where its sensors are, is not known.
-    sensors_at_rest = {end for end in config.sensors if config.robot_of(end) in fixed}
-    rows, ends = [], dict[Ends, frozenset[int]]()
-    for points, seen in snapshot.window.observations.items():
-        if len(points) > 2:
-            # A term has two ends, a range difference three.
-            continue
-        observer, target = points
-        on_bodies = [config.robot_of(end) for end in (observer, target)]
-        both = {*on_bodies}
-        if not both <= ways.keys() | fixed or both <= fixed:
-            continue
-        if not sensors_at_rest.isdisjoint((observer, target)):
-            continue
-        arms_m = [arms.get(end, AT_ORIGIN)[axis] for end in (observer, target) for axis in (0, 1)]
-        moved = both & ways.keys()
-        first = bisect_left(seen, max(ways[end].since_s for end in moved), key=STAMP_S)
-        if first < len(seen):
-            ends[observer, target] = frozenset(ways[end].row for end in moved)
-        rows += [
-            (
-                *(solved.rows[body] for body in on_bodies),
-                one.stamp_s,
-                one.likeliest_m,
-                0.5 * (one.upper_m - one.lower_m),
-                _bearing_rad(one),
-                one.half_width_rad,
-                *arms_m,
-            )
-            for one in seen[first:]
+    robots = [config.robot_of(point) for point in config.points]
+    rows = [solved.rows[robot] if robot in ways or robot in fixed else -1 for robot in robots]
+    since_s = [ways[robot].since_s if robot in ways else -math.inf for robot in robots]
+    observed_s = np.array(since_s)[seen.ends].max(axis=1)
+    bodies = np.array(rows)[seen.ends]
+    kept = (bodies >= 0).all(axis=1) & (seen.stamps_s >= observed_s) & (observed_s > -math.inf)
+    kept[seen.differences] = False
+    seen, bodies = seen.some(np.flatnonzero(kept)), bodies[kept]
+    arms_m = np.array([arms.get(point, AT_ORIGIN)[:2] for point in config.points])[seen.ends]
+    # Who may look anywhere has seen nothing.
+    bearings_rad = np.arctan2(seen.rays[:, 1], seen.rays[:, 0]) - seen.expected_errors_rad
+    bearings_rad[seen.errors_rad >= math.pi] = math.nan
+    return np.column_stack(
+        [
+            bodies,
+            seen.stamps_s,
+            seen.likeliest_m,
+            0.5 * (seen.upper_m - seen.lower_m),
+            bearings_rad,
+            seen.errors_rad,
+            arms_m.reshape(-1, 4),
+            seen.ends,
         ]
-    return np.array(rows).reshape(-1, 11), ends
-
-
-def _bearing_rad(seen: Observation) -> float:
-    """Return where a target likely was seen; who may look anywhere has seen nothing."""
-    if seen.direction is None or seen.half_width_rad >= math.pi:
-        return math.nan
-    return math.atan2(*seen.direction[1::-1]) - seen.expected_error_rad
+    )
 
 
 def _by_errors(

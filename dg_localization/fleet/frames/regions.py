@@ -12,6 +12,7 @@ boxes that contraction leaves (set inversion), so nothing is lost between them.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from heapq import heappop, heappush
 from itertools import combinations
 
 import numpy as np
@@ -93,17 +94,24 @@ def _cells_of_point(
     star_lower[row], star_upper[row] = lower[row], upper[row]
     star_lower[:, row], star_upper[:, row] = lower[:, row], upper[:, row]
     cells = [np.stack([region.lower[row], region.upper[row]])]
-    while 0 < len(cells) < MOST_CELLS:
-        widths = [float((cell[1] - cell[0]).max()) for cell in cells]
-        cell = cells.pop(int(np.argmax(widths)))
+    widest = [(-_width(cells[0]), 0)]
+    while widest and len(widest) < MOST_CELLS:
+        cell = cells[heappop(widest)[1]]
         axis = int(np.argmax(cell[1] - cell[0]))
         middle = 0.5 * (cell[0, axis] + cell[1, axis])
         if not cell[0, axis] < middle < cell[1, axis]:
-            return np.array([*cells, cell])
+            return np.array([*(cells[number] for _, number in widest), cell])
         for side in (0, 1):
             low, high = np.array(region.lower), np.array(region.upper)
             low[row], high[row] = cell
             (high if side == 0 else low)[row, axis] = middle
             if contract_coordinate_boxes(low, high, star_lower, star_upper, SWEEPS):
-                cells.append(np.stack([low[row], high[row]]))
-    return np.array(cells).reshape(-1, 2, region.lower.shape[1])
+                half = np.stack([low[row], high[row]])
+                heappush(widest, (-_width(half), len(cells)))
+                cells.append(half)
+    return np.array([cells[number] for _, number in widest]).reshape(-1, 2, len(region.lower[0]))
+
+
+def _width(cell: FloatArray) -> float:
+    """Return the length of the longest side of a box, shape (2, q)."""
+    return max(map(float, cell[1] - cell[0]))

@@ -69,6 +69,8 @@ class Table(NamedTuple):
     errors_rad: NDArray[np.float64]
     least_m: NDArray[np.float64]
     most_m: NDArray[np.float64]
+    likeliest_m: NDArray[np.float64]
+    expected_errors_rad: NDArray[np.float64]
 
     @classmethod
     def of(cls, rows: Sequence[Row], pair: Pair) -> Table:
@@ -76,7 +78,7 @@ class Table(NamedTuple):
         observations = np.empty(len(rows), object)
         observations[:] = [row[0] for row in rows]
         by_second = np.array([row[1] for row in rows])
-        stamps_s, lower_m, upper_m, errors_rad, least_m, most_m = np.array(
+        stamps_s, lower_m, upper_m, errors_rad, *others = np.array(
             [
                 (
                     one.stamp_s,
@@ -85,6 +87,8 @@ class Table(NamedTuple):
                     NO_RAY_RAD if one.direction is None else one.half_width_rad,
                     one.least_m,
                     one.most_m,
+                    one.likeliest_m,
+                    one.expected_error_rad,
                 )
                 for one in observations
             ]
@@ -95,19 +99,13 @@ class Table(NamedTuple):
             [AHEAD if one.direction is None else one.direction for one in observations]
         )
         points, references = (np.array([row[k] for row in rows]) for k in (2, 3))
-        return cls(
-            observations,
-            stamps_s,
-            by_second,
-            points,
-            references,
-            lower_m,
-            upper_m,
-            rays,
-            errors_rad,
-            least_m,
-            most_m,
-        ).some(np.argsort(-stamps_s, kind='stable'))
+        columns = observations, stamps_s, by_second, points, references, lower_m, upper_m, rays
+        return cls(*columns, errors_rad, *others).some(np.argsort(-stamps_s, kind='stable'))
+
+    @property
+    def ends(self) -> NDArray[np.int64]:
+        """The observer and the target of each row, shape (m, 2)."""
+        return np.where(self.seen_by_second[:, None], self.points[:, ::-1], self.points)
 
     @property
     def differences(self) -> NDArray[np.intp]:
@@ -160,6 +158,13 @@ class CarriedWindow:
     def pairs(self) -> tuple[Pair, ...]:
         """The pairs that observed anything."""
         return tuple(self._tables)
+
+    def table(self) -> Table | None:
+        """Return all observations, pair by pair; None where there are none."""
+        if not self._tables:
+            return None
+        columns = zip(*self._tables.values(), strict=True)
+        return Table._make(np.concatenate(column) for column in columns)
 
     def path(self, robot: int) -> OdometryPath:
         """Return the path of a robot with odometry."""
@@ -267,12 +272,10 @@ class CarriedWindow:
     def sources(self, pair: Pair) -> list[tuple[str, str, Observation]]:
         """Return the observations of a pair with observer and target, newest first."""
         names, seen = self._config.points, self._tables[pair]
-        found = []
-        columns = zip(seen.observations, seen.seen_by_second, seen.points, strict=True)
-        for observation, by_second, (first, second) in columns:
-            ends = (second, first) if by_second else (first, second)
-            found.append((names[ends[0]], names[ends[1]], observation))
-        return found
+        return [
+            (names[observer], names[target], observation)
+            for (observer, target), observation in zip(seen.ends, seen.observations, strict=True)
+        ]
 
     def readings(
         self,
