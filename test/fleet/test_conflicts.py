@@ -4,7 +4,6 @@
 """Minimal conflicts and corrections, on sets whose answer is known."""
 
 from itertools import combinations
-import threading
 
 from hypothesis import given, settings, strategies as st
 import pytest
@@ -60,20 +59,6 @@ def test_all_minimal_corrections(conflicts, max_outliers, regions, efforts):
         assert any(conflict <= found for conflict in conflicts)
     expected = hitting(conflicts, ALONE, max_outliers) if max_outliers else set()
     assert set(explanation.corrections) == expected
-
-
-def test_a_cancelled_search_claims_nothing():
-    cancel = threading.Event()
-
-    def contradicts(observations, effort):
-        cancel.set()
-        return True
-
-    explanation = explain(EVERYTHING, (), (ALONE,), contradicts, Limits(1, *AMPLE, cancel))
-    assert explanation.searched == 0
-    assert explanation.conflicts == ()
-    assert explanation.among == frozenset()
-    assert explanation.corrections == ()
 
 
 @pytest.mark.parametrize('most', [2, 3])

@@ -101,15 +101,6 @@ def test_a_whole_sensor_may_be_what_is_dropped():
     assert holds(estimate, TRUTH)
 
 
-def test_a_culprit_is_named_although_nothing_may_be_dropped():
-    localizer = make_localizer()
-    feed(localizer, long={('b', 'p')}, turned={('b', 'p')})
-    estimate = localizer.step(NOW_S)
-    assert estimate.verdict is Verdict.INFEASIBLE
-    assert names(estimate.suspects) == ['bearing and range b->p']
-    assert 'each alone explains it: bearing and range b->p' in estimate.reason
-
-
 def test_repeat_offenders_are_counted_for_a_minute():
     localizer = make_localizer()
     stamps = [NOW_S + 2.0 * step for step in range(40)]

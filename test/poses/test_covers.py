@@ -90,20 +90,6 @@ def test_boxes_touch_across_the_half_turn_only_where_they_do():
     assert arcs[1] == pytest.approx((math.pi - 0.2, math.pi + 0.2))
 
 
-def test_a_coarse_cover_holds_the_fine_one():
-    rng = np.random.default_rng(0)
-    boxes = np.array(
-        [box(*rng.uniform(-5, 5, 2), rng.uniform(-math.pi, math.pi), 0.1) for _ in range(300)]
-    )
-    cover = Cover(boxes)
-    for most in (150, 40, 1):
-        coarse = cover.coarsened(most)
-        assert len(coarse) <= max(most, len(cover.components))
-        for low, high in boxes:
-            for corner in (low, high, 0.5 * (low + high)):
-                assert coarse.contains(corner[:3], corner[3])
-
-
 @pytest.mark.parametrize(
     ('changes', 'message'),
     [

@@ -6,14 +6,16 @@
 import os
 
 import numpy as np
-from solver_cases import Case, covers, orientation, squared_distances
+from solver_cases import Case, covers, known_orientations, orientation, squared_distances
 
-from dg_localization import Chirality, Problem, Side, SideConstraint, SolverOptions
+from dg_localization import Problem, SolverOptions
 from dg_localization.solver.assemble.answer import solve_in_pieces
 from dg_localization.solver.decompose.decomposition import Decomposition
 from dg_localization.solver.search.budget import Budget
 
 PROBLEMS = int(os.environ.get('DG_PROPERTY_PROBLEMS', '5000'))
+COUNTS = [0, 0, 0, 1, 3]
+"""How many sides, and how many chiralities, are known."""
 FIRST_SEED = int(os.environ.get('DG_PROPERTY_SEED', '0'))
 
 
@@ -33,7 +35,7 @@ def joined_case(seed, max_points=9):
     positions = _positions(rng, n_points, dimension, bodies)
     measured = _measured_pairs(rng, n_points, bodies)
     squared = squared_distances(positions)
-    sides, chiralities = _known_orientations(rng, positions.tolist(), bodies)
+    sides, chiralities = known_orientations(rng, positions.tolist(), COUNTS, bodies)
     lower, upper = _bounds(rng, squared, measured)
     size = max(float(np.sqrt(squared.max())), 1e-12)
     options = SolverOptions(
@@ -51,7 +53,7 @@ def grown_case(seed, max_points=12):
     positions = _positions(rng, len(body), 3, [body])
     measured = np.triu(rng.random((len(body), len(body))) < rng.choice([0.5, 0.7, 0.9, 1.0]), 1)
     squared = squared_distances(positions)
-    sides, chiralities = _known_orientations(rng, positions.tolist(), [body])
+    sides, chiralities = known_orientations(rng, positions.tolist(), COUNTS, [body])
     lower, upper = _bounds(rng, squared, measured | measured.T)
     size = max(float(np.sqrt(squared.max())), 1e-12)
     options = SolverOptions(
@@ -133,29 +135,6 @@ def _bounds(rng, squared, measured):
         np.where(unknown, np.where(apart, least, 0.0), lower),
         np.where(unknown, np.inf, upper),
     )
-
-
-def _known_orientations(rng, positions, bodies):
-    """Return some sides and chiralities, within bodies and across; flat simplices have either."""
-    n_points, dimension = len(positions), len(positions[0])
-
-    def known(*simplex):
-        return orientation([positions[point] for point in simplex])
-
-    def some(number):
-        body = bodies[rng.integers(len(bodies))]
-        pool = body if len(body) >= number and rng.random() < 0.5 else range(n_points)
-        return [int(point) for point in rng.permutation(pool)[:number]]
-
-    sides, chiralities = [], []
-    for _ in range(rng.choice([0, 0, 0, 1, 3]) if n_points >= dimension + 2 else 0):
-        *face, first, second = some(dimension + 2)
-        side = -known(*face, first) * known(*face, second) or rng.choice([-1, 1])
-        sides.append(SideConstraint(tuple(face), first, second, Side(int(side))))
-    for _ in range(rng.choice([0, 0, 0, 1, 3]) if n_points >= dimension + 1 else 0):
-        points = some(dimension + 1)
-        chiralities.append(Chirality(tuple(points), int(known(*points) or rng.choice([-1, 1]))))
-    return sides, chiralities
 
 
 def holds(result, positions, squared):

@@ -91,7 +91,7 @@ def random_case(seed, max_points=9):
         most = 3 * max_points
     n_points = int(rng.integers(2, most + 1))
     positions = _integer_positions(rng, n_points, dimension)
-    sides, chiralities = _orientations(rng, positions.tolist())
+    sides, chiralities = known_orientations(rng, positions.tolist(), [0, 0, 1, 3, 10])
     positions = positions * 2.0 ** rng.choice([0, 0, 0, 3, -40, 40])
     squared = squared_distances(positions)
     problem = Problem(*_ranges(rng, squared), dimension, sides, chiralities)
@@ -122,21 +122,28 @@ def _integer_positions(rng, n_points, dimension):
     return positions
 
 
-def _orientations(rng, positions):
-    """Return some sides and chiralities of a placement; a degenerate one has either sign."""
+def known_orientations(rng, positions, counts, bodies=()):
+    """Return some sides and chiralities, half of them in bodies; flat simplices have either."""
     n_points, dimension = len(positions), len(positions[0])
 
     def known(*simplex):
         return orientation([positions[point] for point in simplex])
 
+    def some(number):
+        pool = range(n_points)
+        if bodies:
+            body = bodies[rng.integers(len(bodies))]
+            pool = body if len(body) >= number and rng.random() < 0.5 else pool
+        return [int(point) for point in rng.permutation(pool)[:number]]
+
     sides, chiralities = [], []
-    for _ in range(rng.choice([0, 0, 1, 3, 10]) if n_points >= dimension + 2 else 0):
-        *face, first, second = (int(p) for p in rng.permutation(n_points)[: dimension + 2])
+    for _ in range(rng.choice(counts) if n_points >= dimension + 2 else 0):
+        *face, first, second = some(dimension + 2)
         side = -known(*face, first) * known(*face, second) or rng.choice([-1, 1])
         sides.append(SideConstraint(tuple(face), first, second, Side(int(side))))
-    for _ in range(rng.choice([0, 0, 1, 3, 10]) if n_points >= dimension + 1 else 0):
-        points = tuple(int(p) for p in rng.permutation(n_points)[: dimension + 1])
-        chiralities.append(Chirality(points, int(known(*points) or rng.choice([-1, 1]))))
+    for _ in range(rng.choice(counts) if n_points >= dimension + 1 else 0):
+        points = some(dimension + 1)
+        chiralities.append(Chirality(tuple(points), int(known(*points) or rng.choice([-1, 1]))))
     return sides, chiralities
 
 

@@ -10,12 +10,13 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 from solver_cases import box_of, squared_distances
+from test_projection import project_box
 
 from dg_localization.solver.contract.back_projection import (
     back_project as rows_back_to,
     far_squared_distance,
 )
-from dg_localization.solver.contract.projection import T_LOWER, T_UPPER, make_rows, project
+from dg_localization.solver.contract.projection import T_LOWER, T_UPPER
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=300)
 AXIS = 0, 1
@@ -27,15 +28,8 @@ def holds(bounds, exact):
 
 def project_along_axis(box):
     """Return (projected box, coordinates, rows) of a box along `AXIS`, by point."""
-    n_points = box.shape[1]
-    rows = make_rows(n_points)
-    count = project(box, rows, np.arange(n_points), *AXIS)
-    assert count > 0
-    points = rows.points[:count]
-    projected, coordinates = np.zeros_like(box), np.zeros((2, n_points))
-    projected[np.ix_(range(4), points, points)] = rows.across[:, :count, :count]
-    coordinates[:, points[:-1]] = rows.ends[[T_LOWER, T_UPPER], : count - 1]
-    return projected, coordinates, rows._replace(points=points)
+    projected, coordinates, _, rows = project_box(box, *AXIS)
+    return projected, coordinates, rows
 
 
 def back_project(box, projected, coordinates, rows):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from solver_cases import bounds, squared_distances
 
-from dg_localization import Chirality, Problem, Side, SideConstraint, solve
+from dg_localization import Problem, solve
 from dg_localization.interval.arrays import Interval
 from dg_localization.solver.place.existence import NEARNESS, _contraction, settled
 
@@ -55,19 +55,6 @@ def test_nothing_is_proved_where_exact_distances_contradict_each_other():
     broken = {(0, 1): (1.0, 1.0), (1, 2): (1.0, 1.0), (0, 2): (4.0001, 4.0001)}
     in_line = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 1e-3]])
     assert not settled(Problem(*bounds(3, broken), 2), in_line)[1]
-
-
-def test_chiralities_and_sides_are_part_of_the_proof():
-    ranges = {**TRIANGLE, (0, 3): (1.0, 1.0), (1, 3): (1.0, 1.0)}
-    positions = np.vstack([SKETCH, [0.5, -0.8]])
-    for sign in (1, -1):
-        chirality = Chirality((0, 1, 2), sign)
-        problem = Problem(*bounds(4, ranges), 2, chiralities=[chirality])
-        assert settled(problem, positions)[1] == (sign == 1)
-    for side in (Side.SAME, Side.FREE, Side.OPPOSITE):
-        constraint = SideConstraint((0, 1), 2, 3, side)
-        problem = Problem(*bounds(4, ranges), 2, sides=[constraint])
-        assert settled(problem, positions)[1] == (side is not Side.SAME)
 
 
 def test_every_equation_of_a_proof_counts():

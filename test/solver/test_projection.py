@@ -145,7 +145,7 @@ def test_coordinate_difference_on_an_axis_that_may_vanish():
 
 
 def project_box(box, a, b):
-    """Return (projected box, coordinates, projected points); None where nothing is left."""
+    """Return (projected box, coordinates, projected points, rows); None for an empty box."""
     n_points = box.shape[1]
     rows = make_rows(n_points)
     count = project(box, rows, np.arange(n_points), a, b)
@@ -157,7 +157,7 @@ def project_box(box, a, b):
     projected[:, points, points] = 0.0
     coordinates = np.zeros((2, n_points))
     coordinates[:, points[:-1]] = rows.ends[[T_LOWER, T_UPPER], : count - 1]
-    return projected, coordinates, points.tolist()
+    return projected, coordinates, points.tolist(), rows._replace(points=points)
 
 
 @pytest.mark.parametrize('relative_width', [0.0, 1e-9, 0.05])
@@ -172,7 +172,7 @@ def test_project_holds_the_projected_fleet(dimension, relative_width):
         box = box_of(squared * (1.0 - relative_width), squared * (1.0 + relative_width))
         found = project_box(box, 0, 1)
         assert found is not None
-        projected, coordinates, points = found
+        projected, coordinates, points, _ = found
         assert points == [2, 3, 4, 5, 0]
         a, b, c = squared[0].tolist(), squared[1].tolist(), int(squared[0, 1])
         numerators = [x - y + c for x, y in zip(a, b, strict=True)]

@@ -167,22 +167,6 @@ def test_what_stops_a_search_leaves_a_complete_cover(paper_fleet, most, is_cance
         assert covers(result, paper_fleet.squared(solution))
 
 
-@pytest.mark.parametrize('dimension', [1, 2, 3])
-@pytest.mark.parametrize(
-    'ends', [(4.0, 9.0), (4.0, 4.0), (0.0, 0.0), (0.0, np.inf), (9.0, np.inf)]
-)
-def test_two_points(dimension, ends):
-    problem = Problem(*bounds(2, {(0, 1): ends}), dimension)
-    result = solve(problem)
-    assert result.verdict is Verdict.COVERED
-    check_claims(problem, result)
-    (hypothesis,) = result.hypotheses
-    assert hypothesis.lower[0, 1] <= ends[0] and hypothesis.upper[0, 1] >= ends[1]
-    if ends[1] > 0.0:  # two points in one place are a singular placement
-        assert hypothesis.flexible == np.isinf(ends[1])
-    assert hypothesis.proved or ends[0] == ends[1]
-
-
 def test_disconnected_groups_stay_unbounded():
     """Two rigid triangles that do not know of each other."""
     pairs = (0, 1), (1, 2), (0, 2), (3, 4), (4, 5), (3, 5)
@@ -195,12 +179,3 @@ def test_disconnected_groups_stay_unbounded():
     assert np.isinf(hypothesis.upper[:3, 3:]).all()
     assert (hypothesis.lower[:3, 3:] == 0.0).all()
     assert np.isfinite(hypothesis.upper[:3, :3]).all()
-
-
-def test_a_placement_on_the_hyperplane_meets_either_side():
-    line = np.array([[0, 0], [3, 0], [1, 0], [2, 0]])
-    squared = squared_distances(line)
-    for side in (Side.SAME, Side.OPPOSITE):
-        sides = [SideConstraint((0, 1), 2, 3, side)]
-        result = solve(Problem(squared, squared, sides=sides))
-        assert covers(result, squared)
