@@ -207,6 +207,11 @@ MOVED = replace(
     frame=FixedFrame(FrameKind.ROBOTS, ('a', 'b')),
     previous_frame=FixedFrame(FrameKind.HEADING, ('a',)),
 )
+MISFIT = placement(misfits=('beacon a4',))
+DOUBTED = estimate(
+    placement(enclosure_m=NOWHERE),
+    links=(LinkState(AB, 3.0, 3.3, 0.1, stale=False, contradicts=True),),
+)
 WIDE = placement(enclosure_m=np.array([[[0.0] * 2, [0.5] * 2], [[0.0] * 2, [3.0, 6.16]]]))
 FITTED = estimate(
     placement(covariances=np.tile(np.diag([0.01, 0.03, 1.0, 1.0, 1.0, 1.0]), (2, 1, 1))),
@@ -260,6 +265,7 @@ def camera(explicit):
         (FLEET, ONE, {'failure': 'internal error'}, ERROR, 'internal error'),
         (FLEET, MOVED, {}, WARN, 'the frame has changed: body frame of a before, origin at a, x'),
         (FLEET, replace(ONE, frame_doubt='a is silent'), {}, WARN, 'a is silent'),
+        (FLEET, estimate(MISFIT), {}, WARN, 'bounds look too narrow: beacon a4'),
         (FLEET, lied(3), {}, WARN, "one hypothesis; a's ranging was among the suspects in 3 of"),
         (FLEET, lied(2), {}, OK, 'localized'),
         (FLEET, estimate(placement(enclosure_m=NOWHERE)), {}, WARN, 'not bounded: b'),
@@ -275,6 +281,7 @@ def camera(explicit):
         (ROBOT, estimate(WIDE), NARROW, WARN, 'one hypothesis, 6.2 m wide: within 5.97 m (guar'),
         ('robot a', estimate(WIDE), NARROW, OK, 'localized'),
         ('robot a', CONFLICT, {}, ERROR, 'contradict'),
+        (ROBOT, DOUBTED, {}, WARN, 'in doubt: it contradicts what was measured before'),
         (ROBOT, STALE, {}, WARN, 'stale'),
         (ROBOT, STALE, {'inputs': {}}, WARN, 'never measured'),
         (ROBOT, STALE, given(accepted=0, in_use=False), WARN, 'never measured'),

@@ -279,7 +279,8 @@ def test_odometry_is_learned_between_its_restarts_and_of_whom_there_is_a_truth(
         recorder.add_odometry('r1', 0.8 * place_m + jump_m, yaw, stamp_s)
         recorder.add_odometry('r2', place_m, yaw, stamp_s)
     recorder.write(tmp_path / 'bag')
-    state(learn, odometry={'translation_per_m': 0.07, 'max_gap': 0.3, 'latency': 0.2})
+    stated = {'translation_per_m': 0.07, 'max_gap': 0.3, 'latency': 0.2}
+    state(learn, odometry=stated, robot_odometry={'r1': {'max_gap': 0.4}})
     stated = read_task(learn.params, []).settings.fleet.odometry_error
     code, _ = learn(tmp_path / 'bag', '--truth', '/{robot}/truth', '--per', per)
     assert code == 0
@@ -288,7 +289,7 @@ def test_odometry_is_learned_between_its_restarts_and_of_whom_there_is_a_truth(
     assert learned.translation_scale == pytest.approx(1.25, abs=1e-3)
     assert learned.translation_per_m + learned.constant_m < 1e-3
     # What is not learned stays as stated.
-    assert (learned.max_gap_s, learned.latency_s) == (0.3, 0.2)
+    assert (learned.max_gap_s, learned.latency_s) == (0.4, 0.2)
     assert fleet.odometry_error_of('r2') == stated
     text = learn.output.replace('\n#  ', '')
     assert 'Odometry of r1 started anew 1 times' in text
