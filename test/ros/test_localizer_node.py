@@ -10,6 +10,7 @@ import time
 
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+import numpy as np
 import pytest
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
@@ -75,9 +76,12 @@ def test_what_becomes_of_the_fleet_is_in_the_log(bench, make_node, monkeypatch):
 
     silent = 'fleet: use_sim_time is set and nothing has arrived on /clock'
     bench.until(lambda: lines(silent), 'a line about the clock')
-    play_with_clock(bench)
+    clock = play_with_clock(bench)
     bench.until(lambda: lines('fleet: ambiguous: '), 'a line about the fleet')
     assert len(lines(silent)) == 1
+    ray = 'robot_1', 'robot_2', np.array([1.0, 0.0, 0.0])
+    bench.sending.append(lambda: bench.send_bearing(*ray, stamp_s=clock['s']))
+    bench.until(lambda: lines('the frame has changed: '), 'a line about the frame')
 
 
 def test_simulated_time_jumps_back_and_everything_is_forgotten(bench, make_node):
