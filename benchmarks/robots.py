@@ -62,7 +62,7 @@ class Recording:
         landmarks = {
             int(row[0]): row[1:3] for row in np.loadtxt(folder / 'Landmark_Groundtruth.dat')
         }
-        seen = np.loadtxt(folder / f'Robot{robot}_Measurement.dat')
+        seen = np.loadtxt(folder / f'Robot{robot}_Measurement.dat').reshape(-1, 4)
         seen[:, 1] = [subjects.get(int(barcode), 0) for barcode in seen[:, 1]]
         return cls(
             np.loadtxt(folder / f'Robot{robot}_Groundtruth.dat'),

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from shapes import holds
 
+from benchmarks.robots import Recording
 from dg_localization import SolverOptions
 from dg_localization.fleet import (
     Anchor,
@@ -17,61 +18,39 @@ from dg_localization.fleet import (
     OdometryErrorModel,
     RangeErrorModel,
 )
-from dg_localization.fleet.rotations import rotations_about_z
+from dg_localization.fleet.rotations import quaternion_of_yaw, rotations_about_z
 
 NUMBERS = range(1, 6)
 # Measurement stamps of this recording are late by about this much.
 LATE_S = 0.05
 
 
-class Recording:
+class Recordings:
     """One excerpt: events in time, and where the robots truly were."""
 
     def __init__(self, folder):
-        rows = {path.name: np.loadtxt(path, ndmin=2) for path in folder.glob('*.dat')}
-        self.landmarks = {f'm{int(row[0])}': row[1:3] for row in rows['Landmark_Groundtruth.dat']}
-        self.truth = {k: rows[f'Robot{k}_Groundtruth.dat'] for k in NUMBERS}
-        subjects = {int(barcode): int(subject) for subject, barcode in rows['Barcodes.dat']}
+        self.robots = {k: Recording.load(folder, k) for k in NUMBERS}
+        self.landmarks = {f'm{k}': place for k, place in self.robots[1].landmarks.items()}
         self.events = []
-        for k in NUMBERS:
-            for stamp_s, barcode, range_m, bearing_rad in rows[f'Robot{k}_Measurement.dat']:
-                subject = subjects.get(int(barcode), k)
+        for k, robot in self.robots.items():
+            for stamp_s, subject, range_m, bearing_rad in robot.all_sightings:
                 if subject != k:
-                    target = f'r{subject}' if subject in NUMBERS else f'm{subject}'
+                    target = f'{"r" if subject in NUMBERS else "m"}{int(subject)}'
                     self.events.append((stamp_s - LATE_S, k, target, range_m, bearing_rad))
-            self.events += dead_reckoning(k, rows[f'Robot{k}_Odometry.dat'])
+            for stamp_s, place, yaw in zip(*robot.track, strict=True):
+                self.events.append((stamp_s, k, None, place, yaw))
         self.events.sort(key=lambda event: event[0])
 
     def poses_at(self, stamp_s):
-        """Return x, y and yaw of all robots."""
-        return np.array(
-            [
-                [
-                    np.interp(stamp_s, t[:, 0], column)
-                    for column in (*t[:, 1:3].T, np.unwrap(t[:, 3]))
-                ]
-                for t in self.truth.values()
-            ]
-        )
-
-
-def dead_reckoning(robot, rows):
-    """Yield odometry poses from speeds and turn rates."""
-    x = y = yaw = 0.0
-    for (before_s, speed, rate), (stamp_s, *_) in zip(rows[:-1], rows[1:], strict=True):
-        step_s = stamp_s - before_s
-        middle = yaw + rate * step_s / 2.0
-        x, y = x + speed * step_s * math.cos(middle), y + speed * step_s * math.sin(middle)
-        yaw += rate * step_s
-        yield stamp_s, robot, None, (x, y), yaw
+        """Return places and yaws of all robots."""
+        return zip(*(robot.pose(stamp_s) for robot in self.robots.values()), strict=True)
 
 
 def feed(localizer, event):
     stamp_s, number, target, first, angle = event
     robot = f'r{number}'
     if target is None:
-        orientation = [0.0, 0.0, math.sin(angle / 2.0), math.cos(angle / 2.0)]
-        localizer.add_odometry(robot, [*first, 0.0], orientation, stamp_s, stamp_s)
+        localizer.add_odometry(robot, first, quaternion_of_yaw(angle), stamp_s, stamp_s)
         return
     localizer.add_range(robot, target, first, stamp_s, stamp_s)
     ray = [math.cos(angle), math.sin(angle), 0.0]
@@ -79,8 +58,8 @@ def feed(localizer, event):
 
 
 def holds_truth(estimate, recording, now_s):
-    poses = recording.poses_at(now_s)
-    return holds(estimate, poses[:, :2], rotations_about_z(poses[:, 2]))
+    places, yaws = map(np.array, recording.poses_at(now_s))
+    return holds(estimate, places[:, :2], rotations_about_z(yaws))
 
 
 def config_of(recording, **settings):
@@ -102,7 +81,7 @@ def config_of(recording, **settings):
 @pytest.mark.parametrize('excerpt', ['excerpt_D7_t515_545', 'excerpt_D7_t800_822'])
 @pytest.mark.filterwarnings('ignore:loadtxt')
 def test_the_surveyed_truth_is_in_a_placement_at_every_tick(shared, excerpt):
-    recording = Recording(shared / f'data/mrclam/{excerpt}')
+    recording = Recordings(shared / f'data/mrclam/{excerpt}')
     config = config_of(recording, max_speed_m_s=0.2, max_turn_rate_rad_s=0.6)
     localizer = Localizer(config)
     ticks = np.arange(recording.events[0][0] + 2.0, recording.events[-1][0], 1.5)
@@ -120,7 +99,7 @@ def test_the_surveyed_truth_is_in_a_placement_at_every_tick(shared, excerpt):
 @pytest.mark.parametrize(('window_outliers', 'width_m'), [(0, 4.5), (5, 6.0)])
 @pytest.mark.filterwarnings('ignore:loadtxt')
 def test_four_minutes_of_memory_bound_every_robot(shared, window_outliers, width_m):
-    recording = Recording(shared / 'data/mrclam/excerpt_D7_t200_440')
+    recording = Recordings(shared / 'data/mrclam/excerpt_D7_t200_440')
     config = config_of(
         recording,
         max_speed_m_s=0.3,

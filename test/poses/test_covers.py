@@ -3,15 +3,12 @@
 
 """What a cover says of its poses: components, hulls, areas, and how sharp it is."""
 
+from functools import partial
 import math
-import os
-from pathlib import Path
-import pickle
-import subprocess
-import sys
 
 import numpy as np
 from pair_cases import random_case, turn
+from plain_python import in_plain_python
 import pytest
 
 from dg_localization.interval.arrays import Interval
@@ -21,8 +18,6 @@ from dg_localization.poses import (
     PairReadings,
     cover_poses,
 )
-
-REPOSITORY = Path(__file__).parents[2]
 
 
 def points(rows):
@@ -105,35 +100,14 @@ def test_what_is_no_reading_is_refused(changes, message):
         PairReadings.of(zero, zero, **changes)
 
 
-PLAIN = """
-import pickle, sys
-from dg_localization.poses import PairOptions, cover_poses
-questions = pickle.load(sys.stdin.buffer)
-answers = []
-for readings, options, height_m in questions:
-    cover = cover_poses(readings, options, height_m=height_m)
-    answers.append((cover.boxes, len(cover.components)))
-pickle.dump(answers, sys.stdout.buffer)
-"""
-
-
 def test_compiled_kernels_and_python_agree_to_the_last_bit():
     pytest.importorskip('numba')
-    questions = []
+    calls = []
     for seed in range(12):
         case = random_case(seed, liars=seed % 3)
         options = PairOptions(case.liars, 0.3 * case.scale_m, 60)
-        questions.append((case.readings, options, case.height_m))
-    finished = subprocess.run(
-        [sys.executable, '-c', PLAIN],
-        input=pickle.dumps(questions),
-        capture_output=True,
-        cwd=REPOSITORY,
-        env=os.environ | {'NUMBA_DISABLE_JIT': '1'},
-        timeout=200,
-    )
-    assert finished.returncode == 0, finished.stderr.decode()
-    for question, plain in zip(questions, pickle.loads(finished.stdout), strict=True):
-        cover = cover_poses(question[0], question[1], height_m=question[2])
-        assert np.array_equal(cover.boxes, plain[0])
-        assert len(cover.components) == plain[1]
+        calls.append(partial(cover_poses, case.readings, options, height_m=case.height_m))
+    for call, plain in zip(calls, in_plain_python(calls), strict=True):
+        cover = call()
+        assert np.array_equal(cover.boxes, plain.boxes)
+        assert len(cover.components) == len(plain.components)

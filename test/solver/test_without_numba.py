@@ -3,38 +3,14 @@
 
 """Compiled kernels and the same functions in Python give the same bounds to the last bit."""
 
-import os
-from pathlib import Path
-import pickle
-import subprocess
-import sys
+from functools import partial
 
 import numpy as np
+from plain_python import in_plain_python
 import pytest
 from solver_cases import random_case
 
 from dg_localization import SolverOptions, solve
-
-REPOSITORY = Path(__file__).parents[2]
-SOLVE_ALL = """
-import pickle, sys
-from dg_localization import solve
-questions = pickle.load(sys.stdin.buffer)
-pickle.dump([solve(*question) for question in questions], sys.stdout.buffer)
-"""
-
-
-def solve_without_numba(questions):
-    finished = subprocess.run(
-        [sys.executable, '-c', SOLVE_ALL],
-        input=pickle.dumps(questions),
-        capture_output=True,
-        cwd=REPOSITORY,
-        env=os.environ | {'NUMBA_DISABLE_JIT': '1'},
-        timeout=200,
-    )
-    assert finished.returncode == 0, finished.stderr.decode()
-    return pickle.loads(finished.stdout)
 
 
 def assert_identical(results, others):
@@ -51,16 +27,23 @@ def numba():
     return pytest.importorskip('numba')
 
 
+def check(questions):
+    """Ask with compiled kernels and without; return the answers."""
+    calls = [partial(solve, *question) for question in questions]
+    plain = in_plain_python(calls)
+    assert_identical([call() for call in calls], plain)
+    return plain
+
+
 def test_the_paper_fleet(numba, paper_fleet):
-    questions = [
-        (paper_fleet.problem(sides), SolverOptions()) for sides in ((), paper_fleet.SIDES)
-    ] + [(paper_fleet.noisy_problem(0.03), SolverOptions())]
-    plain = solve_without_numba(questions)
-    assert_identical([solve(*question) for question in questions], plain)
+    problems = [
+        *map(paper_fleet.problem, ((), paper_fleet.SIDES)),
+        paper_fleet.noisy_problem(0.03),
+    ]
+    plain = check([(problem, SolverOptions()) for problem in problems])
     assert len(plain[0].hypotheses) == 8
 
 
 def test_random_fleets(numba):
     cases = [random_case(seed, max_points=6) for seed in range(40)]
-    questions = [(c.problem, SolverOptions(c.options.resolution, max_boxes=4)) for c in cases]
-    assert_identical([solve(*question) for question in questions], solve_without_numba(questions))
+    check([(c.problem, SolverOptions(c.options.resolution, max_boxes=4)) for c in cases])
