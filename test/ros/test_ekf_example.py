@@ -17,25 +17,16 @@ SETTINGS = settings_from(check_values({'robots': ['robot_1']}))
 ROBOT = SETTINGS.fleet.robots[0]
 
 
-def test_it_takes_the_pose_of_a_robot_in_the_frame_of_the_anchors():
+def test_it_fuses_positions_of_the_localizer_and_velocities_of_odometry():
     types = {
         output.name.replace('~', '/localizer'): output.message_class.__name__
         for output in estimate_outputs((ROBOT,))
     }
     assert types[VALUES['pose0']] == 'PoseWithCovarianceStamped'
     assert VALUES['world_frame'] == VALUES['map_frame'] == SETTINGS.fixed_frame
-
-
-def test_it_takes_the_odometry_that_the_localizer_takes():
     (odometry,) = [template for template in SETTINGS.templates if 'robot' in template.fields]
     assert VALUES['odom0'] == odometry.text.format(robot=ROBOT)
-
-
-def test_it_fuses_positions_of_the_localizer_and_velocities_of_odometry():
-    fused = {
-        source: [i for i, wanted in enumerate(VALUES[f'{source}_config']) if wanted]
-        for source in ('pose0', 'odom0')
-    }
     # In the order x y z, roll pitch yaw, then their rates, then accelerations.
-    assert fused == {'pose0': [0, 1], 'odom0': [6, 7, 11]}
-    assert {len(VALUES[f'{source}_config']) for source in fused} == {15}
+    for source, wanted in (('pose0', [0, 1]), ('odom0', [6, 7, 11])):
+        fused = VALUES[f'{source}_config']
+        assert len(fused) == 15 and [i for i, one in enumerate(fused) if one] == wanted
