@@ -22,7 +22,6 @@ from dg_localization.ros.simulation.simulate_fleet import (
     SimulatedFleet,
 )
 from dg_localization.simulation import moving_fleet as simulation
-from msg_adapters.peers import peers_from_message
 
 REPOSITORY = Path(__file__).parents[2]
 DEFAULTS = {name: spec.default for name, spec in PARAMETERS.items()}
@@ -72,41 +71,6 @@ def test_every_sensor_measures_the_truth_of_its_stamp(node):
         assert np.linalg.norm([ray.x, ray.y, ray.z]) == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize('cameras', [True, False])
-def test_peers_hold_what_the_single_topics_would(node, cameras):
-    simulator = FleetSimulator(
-        context=node.context,
-        parameter_overrides=[Parameter('peers', value=True), Parameter('cameras', value=cameras)],
-    )
-    names = {name for name, _ in simulator.get_topic_names_and_types()}
-    assert not [name for name in names if 'range' in name or 'bearing' in name]
-    assert {f'/{robot}/peers' for robot in simulation.ROBOTS} <= names
-    simulator.destroy_node()
-    given = {**DEFAULTS, 'cameras': cameras}
-    single, together = (
-        dict(SimulatedFleet({**given, 'peers': peers}).measurements(1.0, 2.0))
-        for peers in (False, True)
-    )
-    found = {}
-    for topic, message in together.items():
-        observer = topic.split('/')[0]
-        reading = peers_from_message(message)
-        assert reading.stamp_s == 2.0
-        for peer, range_m, ray in zip(
-            reading.peers, reading.ranges_m, reading.rays_xyz, strict=True
-        ):
-            target = simulation.ROBOTS[peer]
-            if not np.isnan(range_m):
-                found[f'{observer}/range/{target}'] = [range_m]
-            if not np.isnan(ray).any():
-                found[f'{observer}/bearing/{target}'] = ray
-    assert found.keys() == single.keys()
-    for topic, message in single.items():
-        vector = getattr(message, 'vector', None)
-        expected = [vector.x, vector.y, vector.z] if vector else [message.range]
-        np.testing.assert_allclose(found[topic], expected, rtol=1e-6)
-
-
 @pytest.mark.parametrize(
     ('name', 'value', 'allowed'),
     [
@@ -137,6 +101,7 @@ def test_parameters_choose_what_is_measured():
     assert simulated() == ranges | both_ways
     assert simulated(cameras=False, odometry=True) == ranges | odometry
     assert simulated(ranges=False) == both_ways
+    assert simulated(peers=True) == {f'{robot}/peers' for robot in simulation.ROBOTS}
     of_landmarks = {
         f'{robot}/{kind}/{landmark}'
         for robot in simulation.ROBOTS

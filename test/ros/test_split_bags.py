@@ -42,17 +42,6 @@ def test_messages_at_the_end_of_a_file_come_in_order(tmp_path, plugin, late_ns):
         assert not bag.damage
 
 
-@pytest.mark.parametrize('late_s', [3, 3 * 86_400])
-def test_receive_times_that_go_back_are_damage_and_come_in_order(recorder, late_s):
-    times_ns = [START_NS + step * PERIOD_NS for step in range(5)]
-    times_ns[2] += late_s * 10**9
-    recorder.write_at(times_ns)
-    with opened(recorder.close()) as (bag, messages):
-        assert [message.time_ns for message in messages] == sorted(times_ns)
-        (damage,) = bag.damage
-        assert f'go back by up to {late_s - 0.1:.1f} s' in damage
-
-
 def test_what_was_latched_before_the_start_counts(recorder):
     recorder.add('/latched', qos=[LATCHED])
     for step in range(10):
