@@ -77,7 +77,7 @@ def estimate_snapshot(
     recalled_s = time.perf_counter()
     # The solver comes next, whose time is limited on its own.
     recalled.allowance.pause()
-    remembered = recalled.pose_sets.distances(snapshot, recalled.replaced)
+    remembered = recalled.pose_sets.distances(snapshot)
     constraints = constrain(snapshot, recalled.replaced, remembered)
     options = _solver_options(snapshot, recalled)
     found, plans = _solve(snapshot, constraints, options, cancel=cancel)

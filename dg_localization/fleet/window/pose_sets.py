@@ -15,7 +15,6 @@ from dg_localization.fleet.constraints.distances import PairBounds
 from dg_localization.fleet.constraints.rays import RayBundle
 from dg_localization.fleet.mounts import places_on_body
 from dg_localization.fleet.snapshot import Snapshot
-from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.fleet.window.carry import WORLD, Pair
 from dg_localization.fleet.window.earlier_sets import EarlierSets
 from dg_localization.fleet.window.forgetting import Forgotten, ends_between
@@ -68,17 +67,13 @@ class PoseSets:
         """Whether it says where any robot is."""
         return bool(self.covers or self.relative)
 
-    def distances(
-        self, snapshot: Snapshot, replaced: frozenset[LinkKey]
-    ) -> Iterator[tuple[PairBounds, bool]]:
+    def distances(self, snapshot: Snapshot) -> Iterator[tuple[PairBounds, bool]]:
         """
         Yield pairs of points with bounds of their squared distance in m^2, and which are loose.
 
-        Links that are not replaced go well with the distances of all anchors. Without any a few
-        anchors fix each place: what a cover knows beyond that narrows the answer afterwards.
+        A few anchors fix each place: what a cover knows beyond that narrows the answer afterwards.
         """
-        boxes = snapshot.anchors.boxes
-        used = [*(boxes if {*snapshot.keys} - replaced else snapshot.anchors.spanning)]
+        boxes, used = snapshot.anchors.boxes, snapshot.anchors.spanning
         for robot, cover in self.covers.items():
             is_loose = (WORLD, robot) in self.loose
             bounds_m2 = _squared_distances_m2(cover, [boxes[anchor] for anchor in used])
