@@ -113,7 +113,10 @@ def camera_from_message(message: Any) -> CameraReading:
     fx, cx = fx / bin_x, (cx - message.roi.x_offset) / bin_x
     fy, cy = fy / bin_y, (cy - message.roi.y_offset) / bin_y
     if not (0.0 < fx < math.inf and 0.0 < fy < math.inf and math.isfinite(cx + cy)):
-        raise ValueError(f'focal lengths {fx}, {fy} and center {cx}, {cy} are not calibrated')
+        raise ValueError(
+            f'focal lengths {fx}, {fy} and center {cx}, {cy} are not calibrated: they must be '
+            'finite, and the lengths above 0'
+        )
     return CameraReading(
         **header_of(message),
         focal_px=(float(fx), float(fy)),

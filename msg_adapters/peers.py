@@ -129,11 +129,20 @@ def _row_type(message: Any) -> np.dtype[Any]:
             "'z' or 'reference' and 'range_difference' or all of them"
         )
     for field in fields:
+        if names.count(field.name) > 1:
+            times = names.count(field.name)
+            raise ValueError(f"field '{field.name}' is there {times} times, not once")
         # Some writers leave the count of a single number at zero.
         if field.datatype not in COLUMNS[field.name] or field.count > 1:
             raise ValueError(
                 f"field '{field.name}' has datatype {field.datatype} and count {field.count}, it "
                 f'must be one number of a datatype of {list(COLUMNS[field.name])}'
+            )
+        end = field.offset + np.dtype(COLUMNS[field.name][field.datatype]).itemsize
+        if end > message.point_step:
+            raise ValueError(
+                f"field '{field.name}' ends at byte {end}, it must lie within point_step "
+                f'{message.point_step}'
             )
     order = '>' if message.is_bigendian else '<'
     return np.dtype(

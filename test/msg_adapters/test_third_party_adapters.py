@@ -166,7 +166,7 @@ def test_binned_and_cropped_images_see_the_same_rays():
 @pytest.mark.parametrize('focal', [0.0, -1.0, np.nan, np.inf])
 def test_camera_that_is_not_calibrated_is_refused(focal):
     message = camera_info([0.0] * 12, [focal, *K[1:]])
-    with pytest.raises(ValueError, match='are not calibrated'):
+    with pytest.raises(ValueError, match='are not calibrated: they must be finite'):
         adapter_for('sensor_msgs/msg/CameraInfo').from_message(message)
 
 

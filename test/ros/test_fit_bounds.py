@@ -395,6 +395,10 @@ def test_stamps_that_are_early_and_a_gross_reading_are_named(tmp_path, learn):
     (link,) = [link for link in found['links'] if 'stamp_offset' in link]
     assert link.split()[2:4] == list(ROBOTS[:2])
     assert float(link.partition('stamp_offset=')[2]) == pytest.approx(0.15, abs=0.03)
+    one = r'one reading, range robot_1->robot_3 at [\d.]+ s, off by (\S+) m, sets a bound'
+    groups = dict(re.findall(r'Ranges, (\S+): (.*?excluded)\.', text))
+    assert float(*re.findall(one, groups['robot_1->robot_3'])) == pytest.approx(5.0, abs=0.1)
+    assert re.search(one, groups['all']) and 'sets' not in groups['robot_1->robot_2']
     gross = 'The stated bounds of range robot_1->robot_3 are broken'
     broken = re.findall(rf'{gross} from .*? s: (\S+)', text)
     assert broken == ['1']

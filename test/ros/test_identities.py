@@ -101,7 +101,7 @@ AB = {'range a->b': (1, 0)}
         # Strangers are counted by their id, and others passed over.
         ('*', '7 30:1.0 8:3.0 55:4.0', {**AB, 'range a->id 55': (0, 1)}, ''),
         # Nobody is taken for another observer.
-        ('*', '5 8:3.0', {}, "observer id '5' is nobody's in the parameter `ids`"),
+        ('*', '5 8:3.0', {}, "'5' is nobody's in the parameter `ids`: name it there"),
         ('*', '30 8:3.0', {}, "observer id '30' is nobody's in the parameter `ids`"),
         ('a', '8 9:3.0', {}, "observer id '8' is that of b, not of a"),
         ('*', '- 8:3.0', {}, 'name the observer in the link of /uwb instead'),

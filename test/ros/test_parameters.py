@@ -141,13 +141,16 @@ def test_every_file_and_example_of_a_page_gives_settings(name):
         ('range.topic', '/range', 'it must hold {observer} and {target}'),
         ('odometry.topic', '/{robot:>9}/odom', 'it must hold {robot} once, nothing else'),
         ('range.topic', '/a b/{observer}/{target}', "'/a b/name/name' is no topic name"),
-        ('peers.topic', '{observer}/odom', "those of 'odometry.topic'"),
+        ('peers.topic', '{observer}/odom', "those of 'odometry.topic', .* topics of its own"),
         ('fixed_frame', '', "'fixed_frame': '' .* the name of a frame"),
         ('fixed_frame', '/map', "'/map' .* without blanks or a slash"),
         ('robots', [], "at least one, below '/\\*\\*:'"),
         ('links', ['/t sensor_msgs/Range a b'], "mean 'sensor_msgs/msg/Range'"),
         ('mounts.names', ['a/left', 'left'], "'left' is not allowed, it must read 'ROBOT/SENSOR'"),
         ('mounts.names', ['a/left', 'a/right'], r'mounts.a.right.position: \(\) is not allowed'),
+        ('anchors.names', ['p', 'q', 'p'], "'anchors.names': 'p' is not allowed twice"),
+        ('mounts.names', ['a/left', 'a/left'], "'mounts.names': 'a/left' is not allowed twice"),
+        ('elevations.names', ['a', 'a'], "'elevations.names': 'a' is not allowed twice"),
         ('elevations.names', ['a'], r'elevations.a: \(\) is not allowed'),
         ('links', ['/t+ sensor_msgs/msg/Range a b'], r"'/t\+' is no topic name"),
         ('links', ['/t nav_msgs/msg/Odometry a b'], 'takes no target'),
@@ -230,7 +233,7 @@ def test_topics_that_are_swapped_by_remapping_are_refused():
     """A subscription to the new name would be remapped back."""
     swapped = {'/uwb_1': '/uwb_2', '/uwb_2': '/uwb_1'}
     given = {**ROBOTS, 'links': ['/uwb_1 sensor_msgs/msg/Range a b']}
-    with pytest.raises(WrongParameterError, match="remapped to '/uwb_2', and that to '/uwb_1'"):
+    with pytest.raises(WrongParameterError, match="'/uwb_2', and that to '/uwb_1': name"):
         settings_from(check_values(given), lambda topic: swapped.get(topic, topic))
 
 

@@ -39,6 +39,7 @@ EVERYTHING: Pair = ('', '')
 GROUPS = ('link', 'sensor', 'all')
 # Fewer readings get the bounds of the next larger group.
 READINGS = 20
+UNITS = {LinkKind.RANGE: 'm', LinkKind.BEARING: 'rad'}
 # Readings of one link that are nearer in time are named together, and so many times are named.
 GAP_S, NAMED = 1.0, 20
 # The delays that are told, over which time distances are seen to change, and which share of the
@@ -217,11 +218,11 @@ def _known_group(
 ) -> GroupFit:
     """Return the bounds of readings whose errors are known, and how well a half tells them."""
 
-    def learn(part: Errors) -> SensorBounds:
+    def learn(part: Errors, is_half: bool = False) -> SensorBounds:
         if kind is LinkKind.BEARING:
             half_width_rad = fit_half_width_rad(part.errors, choice)
             return SensorBounds(bearing_half_width_rad=half_width_rad)
-        own = shape if part is one else shape_of(part.values, part.errors, choice)
+        own = shape_of(part.values, part.errors, choice) if is_half else shape
         return SensorBounds(fit_range(part.values, part.errors, choice, own))
 
     learned, median = learn(one), float(np.median(one.errors))
@@ -234,18 +235,35 @@ def _known_group(
             bounds['expected_error'] = median
     excluded = int(np.count_nonzero(_breaking(learned, kind, one)))
     text = f'{_seen(kind, one, "error")}, {seen}; {_percent(excluded, one)} excluded'
+    for row in (one.errors.argmin(), one.errors.argmax()) if len(one.errors) > 2 else ():
+        others = learn(one.chosen(np.arange(len(one.errors)) != row))
+        if np.median(_widths(others, kind, one)) < 0.5 * np.median(_widths(learned, kind, one)):
+            text += (
+                f'; one reading, {one.links[row]} at {one.stamps_s[row]:.3f} s, off by '
+                f'{one.errors[row]:.2f} {UNITS[kind]}, sets a bound: without it the bounds are '
+                'less than half as wide, and a smaller --keep leaves it out'
+            )
     is_first = one.stamps_s <= 0.5 * (one.stamps_s.min() + one.stamps_s.max())
     first, second = one.chosen(is_first), one.chosen(~is_first)
     if min(len(first.errors), len(second.errors)) >= READINGS:
-        rest = _percent(int(np.count_nonzero(_breaking(learn(first), kind, second))), second)
+        rest = _percent(int(np.count_nonzero(_breaking(learn(first, True), kind, second))), second)
         text += f'; learned of the first half alone, {rest} of the second excluded'
     return GroupFit(bounds, excluded, text)
 
 
 def _seen(kind: LinkKind, one: Errors, what: str) -> str:
-    digits, unit = (2, 'm') if kind is LinkKind.RANGE else (3, 'rad')
-    low, high = one.errors.min(), one.errors.max()
-    return f'{len(one.errors)} readings, {what} {low:.{digits}f} to {high:.{digits}f} {unit}'
+    digits, low, high = 2 if kind is LinkKind.RANGE else 3, one.errors.min(), one.errors.max()
+    span = f'{low:.{digits}f} to {high:.{digits}f} {UNITS[kind]}'
+    return f'{len(one.errors)} readings, {what} {span}'
+
+
+def _widths(bounds: SensorBounds, kind: LinkKind, one: Errors) -> NDArray[np.float64]:
+    """Return how far apart bounds are for each reading."""
+    if kind is LinkKind.BEARING:
+        return np.full(len(one.errors), 2.0 * bounds.bearing_half_width_rad)
+    model = bounds.range_error
+    relative = model.max_error_relative - model.min_error_relative
+    return np.abs(model.max_error_m - model.min_error_m + relative * one.values)
 
 
 def _percent(count: int, one: Errors) -> str:
@@ -260,9 +278,7 @@ def _scatter_group(kind: LinkKind, one: Errors, choice: Choice, stated: SensorBo
         bounds = {'half_width': max(half_width_rad, stated.bearing_half_width_rad)}
         excluded = int(np.count_nonzero(np.abs(one.errors) > bounds['half_width']))
     else:
-        model = stated.range_error
-        relative = model.max_error_relative - model.min_error_relative
-        stated_m = np.abs(model.max_error_m - model.min_error_m + relative * one.values)
+        model, stated_m = stated.range_error, _widths(stated, kind, one)
         extra_m, excluded = missing_m(one.errors, 0.5 * stated_m, choice)
         if extra_m > 0.0:
             text += f', too wide for the stated bounds, {stated_m.min():.2f} m apart: widened'
@@ -344,7 +360,6 @@ def broken_bounds(
     """Return sentences on the readings that break all bounds stated for them, oldest first."""
     found = []
     for key, one in errors.items():
-        unit = 'rad' if key.kind is LinkKind.BEARING else 'm'
         broken = np.all([_breaking(bounds, key.kind, one) for bounds in stated[key]], axis=0)
         wrong = one.chosen(broken)
         ends = np.flatnonzero(np.diff(wrong.stamps_s) > GAP_S) + 1
@@ -354,7 +369,8 @@ def broken_bounds(
             if len(times_s):
                 text = (
                     f'The stated bounds of {key} are broken from {times_s[0]:.1f} to '
-                    f'{times_s[-1]:.1f} s: {len(times_s)} times, by up to {sizes.max():.2f} {unit}'
+                    f'{times_s[-1]:.1f} s: {len(times_s)} times, by up to {sizes.max():.2f} '
+                    f'{UNITS[key.kind]}'
                 )
                 found.append((float(times_s[0]), text))
     found.sort()

@@ -111,21 +111,22 @@ class Errors:
     """
     The errors of some readings, oldest first, each with shape (m,).
 
-    Values are ranges in m, and NaN for rays; errors are in m or in rad.
+    Values are ranges in m, and NaN for rays; errors are in m or in rad. Links are their inputs.
     """
 
     stamps_s: FloatArray
     values: FloatArray
     errors: FloatArray
+    links: NDArray[np.str_]
 
     def chosen(self, rows: NDArray[np.bool_]) -> 'Errors':
         """Return some of them."""
-        return Errors(self.stamps_s[rows], self.values[rows], self.errors[rows])
+        return Errors(self.stamps_s[rows], self.values[rows], self.errors[rows], self.links[rows])
 
     @classmethod
     def joined(cls, parts: Iterable['Errors']) -> 'Errors':
         """Return the readings of all parts."""
-        columns = [(part.stamps_s, part.values, part.errors) for part in parts]
+        columns = [(part.stamps_s, part.values, part.errors, part.links) for part in parts]
         return cls(*map(np.concatenate, zip(*columns, strict=True)))
 
 
@@ -158,5 +159,6 @@ def errors_of(
         else:
             continue
         values = read if is_range else np.full(len(stamps_s), np.nan)
-        found[key] = Errors(stamps_s, values, errors).chosen(np.isfinite(errors))
+        links = np.full(len(errors), str(key))
+        found[key] = Errors(stamps_s, values, errors, links).chosen(np.isfinite(errors))
     return found

@@ -65,7 +65,9 @@ class Identities:
             advice = f'name the observer in the link of {link.topic} instead of {ANY_OBSERVER}'
             raise ValueError(f'the message does not say who measured: {advice}')
         if name == IGNORED:
-            raise ValueError(f"observer id '{observer_id}' is nobody's in the parameter `ids`")
+            raise ValueError(
+                f"observer id '{observer_id}' is nobody's in the parameter `ids`: name it there"
+            )
         if named not in (ANY_OBSERVER, name):
             raise ValueError(f"observer id '{observer_id}' is that of {name}, not of {named}")
         return name

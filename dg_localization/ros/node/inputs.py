@@ -107,7 +107,8 @@ class Inputs:
             self._follow_durability(link)
         for link in self._finder.passed_over:
             self._node.get_logger().warning(
-                f'{link.topic}: not read: a link replaces what templates give for {link.key}'
+                f'{link.topic}: not read: a link replaces what templates give for {link.key}; '
+                'name this topic in a link, too, if both are to be read'
             )
         for link in self._finder.wrong_types.keys() - known.keys():
             types = ', '.join(self._finder.wrong_types[link])

@@ -38,7 +38,10 @@ def templates_from(
             template = replace(template.resolved(resolve), overrides=offset)
             template.check_names(points)
             if template.shape in names:
-                raise ValueError(f"its topics are those of '{names[template.shape]}'")
+                raise ValueError(
+                    f"its topics are those of '{names[template.shape]}', it must have topics of "
+                    'its own'
+                )
         if template.text:
             names[template.shape] = name
             templates.append(template)
@@ -56,7 +59,8 @@ def links_from(values: Mapping[str, Any], resolve: Callable[[str], str]) -> tupl
             if resolve(topic) != topic:
                 # A subscription to it would be remapped once more.
                 raise ValueError(
-                    f"its topic is remapped to '{topic}', and that to '{resolve(topic)}'"
+                    f"its topic is remapped to '{topic}', and that to '{resolve(topic)}': name "
+                    'the topic that is meant'
                 )
         overrides = {**_stamp_offset(values, link.key.kind), **link.overrides}
         links.append(replace(link, topic=topic, overrides=overrides))
@@ -93,5 +97,5 @@ def check_links(links: Iterable[Link], fleet: FleetConfig) -> None:
         if robot == other:
             raise WrongParameterError(
                 f"parameter 'links': {'->'.join(link.key.ends)} is not allowed, both are on robot "
-                f"'{robot}'"
+                f"'{robot}', it must join points of two robots or anchors"
             )

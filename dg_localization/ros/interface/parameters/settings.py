@@ -188,12 +188,18 @@ def settings_from(
 
 
 def _check_names(values: Mapping[str, Any]) -> None:
-    """Refuse names that cannot be part of topics."""
+    """Refuse names that are there twice, or that cannot be part of topics."""
     if not values['robots']:
         raise WrongParameterError(
             "parameters: robots: [] is not allowed, it must name at least one, below '/**:' and "
             "'ros__parameters:' of the file"
         )
+    for parameter in ('anchors.names', 'mounts.names', 'elevations.names'):
+        for name in values[parameter]:
+            if values[parameter].count(name) > 1:
+                raise WrongParameterError(
+                    f"parameter '{parameter}': '{name}' is not allowed twice, name it once"
+                )
     for parameter in ('robots', 'anchors.names', 'mounts.names'):
         is_sensor = parameter == 'mounts.names'
         for name in values[parameter]:
