@@ -5,11 +5,11 @@
 
 import numpy as np
 
-from dg_localization.fleet.window.carry import WORLD
 from dg_localization.fleet.window.forgetting import (
     CONFIRMING,
     Doubts,
 )
+from dg_localization.fleet.window.tables import WORLD
 
 PAIR = (WORLD, 0)
 MANY = np.arange(0.0, 100.0, 0.1)

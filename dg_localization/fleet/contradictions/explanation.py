@@ -20,9 +20,9 @@ from dg_localization.fleet.contradictions.suspects import (
 )
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import Conflict, LinkKind
-from dg_localization.fleet.window.carry import WORLD
 from dg_localization.fleet.window.memory import Observation
 from dg_localization.fleet.window.pose_sets import PoseSets
+from dg_localization.fleet.window.tables import WORLD
 from dg_localization.poses import find_suspects
 from dg_localization.solver.options import Cancel
 

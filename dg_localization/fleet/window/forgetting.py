@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.snapshot import Snapshot
-from dg_localization.fleet.window.carry import WORLD, Pair
 from dg_localization.fleet.window.memory import Ends, Spans
+from dg_localization.fleet.window.tables import WORLD, Pair
 
 LONGEST_DOUBT_S = 2.0
 """

@@ -25,7 +25,7 @@ from dg_localization.fleet.rotations import (
     quaternion_of_yaw,
     rotations_about_z,
 )
-from dg_localization.fleet.window.carry import WORLD, Pair, Tilt
+from dg_localization.fleet.window.carry import Tilt
 from dg_localization.fleet.window.pose_sets import PoseSets, poses_within
 from dg_localization.fleet.window.proved import (
     PoseBounds,
@@ -33,6 +33,7 @@ from dg_localization.fleet.window.proved import (
     heading_arcs,
     intersect_arcs,
 )
+from dg_localization.fleet.window.tables import WORLD, Pair
 from dg_localization.interval.angles import angle_up
 from dg_localization.interval.arrays import Interval, squared_norm
 from dg_localization.poses import Cover, JointPoses, PairOptions, PairReadings, narrow_jointly
