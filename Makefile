@@ -86,9 +86,10 @@ demo: $(ready) ## Simulate the paper's fleet, localize it over DDS, write demo.p
 	@$(run) docs/demo.py
 
 # Kernels are compiled first, with progress: it takes minutes, and a test that waits would time out.
+# Pytest loads NumPy before this package can limit its threads, which hinder those of other processes.
 test: $(ready) ## Run all tests
 	$(run) -m dg_localization.compile_kernels || :
-	$(run) -m pytest -n $(JOBS) --dist worksteal $(PYTEST_ARGS)
+	OPENBLAS_NUM_THREADS=1 $(run) -m pytest -n $(JOBS) --dist worksteal $(PYTEST_ARGS)
 
 lint: $(ready) ## Check style and types
 	$(run) -m ruff check .
