@@ -18,7 +18,7 @@ from dg_localization.ros.interface.parameters.document import as_yaml
 from dg_localization.ros.interface.parameters.inputs import TEMPLATE_TYPES
 from dg_localization.ros.interface.parameters.settings import check_values, settings_from
 from dg_localization.ros.interface.parameters.spec import WrongParameterError
-from dg_localization.ros.interface.parameters.table import TABLE
+from dg_localization.ros.interface.parameters.table import OWN, TABLE
 
 REPOSITORY = Path(__file__).parents[2]
 CONFIG = REPOSITORY / 'config'
@@ -90,7 +90,9 @@ def test_the_file_is_that_of_the_table():
 
 
 def test_commented_file_holds_every_parameter_with_its_default():
-    given = given_in((CONFIG / 'localizer.yaml').read_text())
+    text = (CONFIG / 'localizer.yaml').read_text()
+    assert all(f'# {name}: {spec.default}. ' in text for name, spec in OWN.items())
+    given = given_in(text)
     assert len(given.pop('robots')) == 3
     defaults = {name: spec.default for name, spec in TABLE.items() if name != 'robots'}
     assert given.keys() == defaults.keys()

@@ -9,15 +9,16 @@ import sys
 import textwrap
 from typing import Any
 
-from dg_localization.ros.interface.parameters.spec import Section
-from dg_localization.ros.interface.parameters.table import SECTIONS
+from dg_localization.ros.interface.parameters.spec import LIST_TEXTS, Section, Spec
+from dg_localization.ros.interface.parameters.table import OWN, SECTIONS
 
 WIDTH = 99
 
 YAML_HEAD = """\
 # Every parameter of the node `localizer`, with its default. Start from this file:
 #   ros2 run dg_localization localizer --ros-args --params-file localizer.yaml
-# Units are in brackets. A wrong value or a misspelled name is refused at start.
+# Units and limits are in brackets, and defaults show the types: 2.0 is a number, 2 an integer.
+# A wrong value or a misspelled name is refused at start.
 # Written from the table of parameters by `make parameters`; do not edit.
 /**:
   ros__parameters:
@@ -26,7 +27,10 @@ YAML_HEAD = """\
 
 def as_yaml() -> str:
     """Return the commented file with every parameter and its default."""
-    return YAML_HEAD + ''.join(_yaml_section(section) for section in SECTIONS)
+    own = ['', '    # --- What one robot, sensor, point or anchor has of its own ---']
+    for name, spec in OWN.items():
+        own += _comment(f'{name}: {_value(spec.default)}. {_sentences(spec)}', 4)
+    return YAML_HEAD + ''.join(map(_yaml_section, SECTIONS)) + '\n'.join(own) + '\n'
 
 
 def _yaml_section(section: Section) -> str:
@@ -38,14 +42,20 @@ def _yaml_section(section: Section) -> str:
             lines.append(f'    {prefix}:')
         group = prefix
         indent = 6 if prefix else 4
-        facts = ', '.join(filter(None, [spec.unit, spec.limits()]))
-        first, _, rest = spec.text.partition('. ')
-        first = f'{first[0].upper()}{first[1:].removesuffix(".")}{facts and f" ({facts})"}.'
-        lines += _comment(f'{first} {rest}'.rstrip(), indent)
+        lines += _comment(_sentences(spec), indent)
         lines += [f'{" " * indent}#   {line}' for line in spec.examples]
         value = spec.default if spec.shown is None else spec.shown
         lines.append(f'{" " * indent}{name}: {_value(value)}')
     return '\n'.join(lines) + '\n'
+
+
+def _sentences(spec: Spec) -> str:
+    """Return the text of a parameter, with its unit and limits, and what a list is of."""
+    kind = LIST_TEXTS[spec.list_of] if spec.list_of else ''
+    facts = ', '.join(filter(None, [kind, spec.unit, spec.limits()]))
+    first, _, rest = spec.text.partition('. ')
+    first = f'{first[0].upper()}{first[1:].removesuffix(".")}{facts and f" ({facts})"}.'
+    return f'{first} {rest}'.rstrip()
 
 
 def _comment(text: str, indent: int) -> list[str]:
