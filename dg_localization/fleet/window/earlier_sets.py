@@ -30,13 +30,13 @@ from dg_localization.poses import Cover, PairOptions, PairReadings, cover_poses
 STEPS = 30
 """In a memory: after one of these a set is replaced by the newer one that was made with it."""
 
-OVERLAP = 1.0 / 3.0
+OVERLAP = 0.25
 """Of the memory: readings that cut again what they have cut where the bodies were before."""
 
 START = 1.0 / 9.0
 """Of the memory: the readings that a set starts from, which is to live for the rest of it."""
 
-MOST_CARRIED = 60
+MOST_CARRIED = 40
 """Boxes of a set that is carried."""
 
 
