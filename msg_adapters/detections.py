@@ -96,8 +96,8 @@ def camera_from_message(message: Any) -> CameraReading:
     """
     Read a `sensor_msgs/CameraInfo`: the matrix P, or K where P is left empty.
 
-    They are those of the full image; binning and the region of interest make them those of the
-    image that was sent.
+    The message has the matrices of the full image. Binning and the region of interest turn them
+    into those of the image that was sent.
 
     Raises
     ------

@@ -13,7 +13,7 @@ from dg_localization.calibration.truth import FloatArray, TrueTrack, without_hei
 from dg_localization.fleet import FixedFrame, FleetConfig, FrameKind, Placement
 from dg_localization.fleet.rotations import rotation_angle_rad, rotation_of_quaternion
 from dg_localization.fleet.snapshot import Snapshot
-from dg_localization.fleet.vocabulary import OdometryReading
+from dg_localization.fleet.vocabulary import OdometrySample
 
 BoolArray = NDArray[np.bool_]
 
@@ -121,7 +121,7 @@ def true_placement(
     tracks: Mapping[str, TrueTrack],
     stamp_s: float,
     dimension: int,
-    odometry: OdometryReading | None = None,
+    odometry: OdometrySample | None = None,
 ) -> TruePlacement:
     """
     Return where robots truly were at a time, in the frame of an answer.
@@ -137,7 +137,7 @@ def true_placement(
         Time of the answer.
     dimension : {2, 3}
         In the plane heights, roll and pitch of the truth do not count.
-    odometry : OdometryReading, optional
+    odometry : OdometrySample, optional
         The newest one of the robot whose odometry frame it is: it is true in that frame.
 
     Returns

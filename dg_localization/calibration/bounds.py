@@ -46,7 +46,7 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class Shape:
+class ErrorShape:
     """How range errors grow with the range: by bounds that are fractions, or by a slope."""
 
     relative: bool = False
@@ -79,7 +79,7 @@ def n_kept(count: int, keep: float) -> int:
 
 
 def fit_range(
-    readings_m: ArrayLike, errors_m: ArrayLike, choice: Choice, shape: Shape
+    readings_m: ArrayLike, errors_m: ArrayLike, choice: Choice, shape: ErrorShape
 ) -> RangeErrorModel:
     """
     Return the bounds of range errors, and the likeliest one.
@@ -91,7 +91,7 @@ def fit_range(
     readings_m, errors_m : array_like, shape (n,)
         Readings, and readings minus true distances.
     choice : Choice
-    shape : Shape
+    shape : ErrorShape
 
     """
     readings, errors = np.asarray(readings_m, dtype=float), np.asarray(errors_m, dtype=float)
@@ -110,7 +110,7 @@ def fit_range(
     )
 
 
-def shape_of(readings_m: ArrayLike, errors_m: ArrayLike, choice: Choice) -> Shape:
+def shape_of(readings_m: ArrayLike, errors_m: ArrayLike, choice: Choice) -> ErrorShape:
     """
     Return how errors grow, by which bounds are narrowest at the mean reading.
 
@@ -123,12 +123,12 @@ def shape_of(readings_m: ArrayLike, errors_m: ArrayLike, choice: Choice) -> Shap
     """
     readings, errors = np.asarray(readings_m, dtype=float), np.asarray(errors_m, dtype=float)
     low_m, high_m = shortest_band(errors, choice.keep)
-    shape, width_m = Shape(), high_m - low_m
+    shape, width_m = ErrorShape(), high_m - low_m
     if np.all(readings > 0.0):
         low, high = shortest_band(errors / readings, choice.keep)
         wide_m = (high - low) * float(np.mean(readings))
         if _widened((low, high), choice.margin)[1] < 0.99 and wide_m < width_m:
-            shape, width_m = Shape(relative=True), wide_m
+            shape, width_m = ErrorShape(relative=True), wide_m
     slope, reach = 0.0, 0.5
     for _ in range(STEPS):
         slopes = np.linspace(slope - reach, slope + reach, SLOPES)
@@ -136,7 +136,7 @@ def shape_of(readings_m: ArrayLike, errors_m: ArrayLike, choice: Choice) -> Shap
         widths_m = [high_m - low_m for low_m, high_m in bands]
         slope, reach = float(slopes[np.argmin(widths_m)]), 2.0 * reach / (SLOPES - 1)
     slope = round(slope, DECIMALS)
-    return Shape(slope=slope) if min(widths_m) < WORTH_A_SLOPE * width_m else shape
+    return ErrorShape(slope=slope) if min(widths_m) < WORTH_A_SLOPE * width_m else shape
 
 
 WINDOW_S = 1.0

@@ -58,7 +58,7 @@ class Answer:
 
 
 LEAST_LISTED = 64
-"""At least so many placements are tried with what is remembered, however few are published."""
+"""Least number of placements that are tried with the memory, however few are published."""
 
 CONTRADICTION = Answer(Verdict.INFEASIBLE, (), 0, Statistics())
 _OF_ALL = (Verdict.INFEASIBLE, Verdict.OUT_OF_BUDGET, Verdict.COVERED)

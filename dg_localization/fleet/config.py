@@ -141,7 +141,7 @@ class FleetConfig:
     memory_max_seconds : float
         How long an estimate may spend on what is remembered; infinity sets no limit.
     window_outliers : int
-        So many of the measurements of any two bodies in that time may be wrong.
+        How many measurements of any two bodies in that time may be wrong.
     max_hypotheses : int
         How many placements an estimate lists.
     max_outliers : int
@@ -150,8 +150,8 @@ class FleetConfig:
     outlier_unit : SuspectKind
         What counts as one of them: an observation, a whole sensor, or a whole robot.
     stuck_readings : int
-        So many readings in a row that are equal to the last bit are called stuck, where the robots
-        moved meanwhile; ten times as many where there is no odometry. 0 calls none so.
+        A sensor is stuck when this many readings in a row are equal to the last bit while robots
+        moved; ten times as many where there is no odometry. 0 switches the check off.
     drop_stuck : bool
         Whether they are dropped.
     max_conflict_solves : int

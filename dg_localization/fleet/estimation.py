@@ -49,8 +49,8 @@ from dg_localization.solver.options import Cancel
 from dg_localization.solver.result import Statistics, Verdict
 
 MOST_SEARCHES = 3
-"""After so many searches for corrections, and one more for each outlier, there is no answer: each
-of them found some that were wrong or not proved."""
+"""Most searches for corrections, and one more for each outlier. After these there is no answer:
+each found corrections that were wrong or not proved."""
 
 _WORST_FIRST = (Verdict.OUT_OF_BUDGET, Verdict.COVERED, Verdict.INFEASIBLE)
 

@@ -364,9 +364,9 @@ class Localizer:
         """
         Return the time that an answer is best given for: now, or a little before.
 
-        Where robots are since their last odometry is bounded by speeds and turn rates alone, which
-        blurs all that is remembered. So the time is that of the robot whose odometry is oldest, of
-        those that have some of the last `MOST_BEFORE_S`.
+        After its last odometry a robot is bounded by speed and turn rate alone, which blurs all
+        that is remembered. So the answer is for the latest time that all odometry covers. Robots
+        without odometry of the last `MOST_BEFORE_S` do not count.
 
         Parameters
         ----------

@@ -58,7 +58,7 @@ from dg_localization.fleet.vocabulary import (
     InputState,
     LinkKey,
     LinkKind,
-    OdometryReading,
+    OdometrySample,
     RangeMessage,
     RayReading,
     RefusedError,
@@ -69,7 +69,7 @@ from dg_localization.fleet.window.memory import Memory
 from dg_localization.interval.bounds import sum_down, sum_up
 
 MOST_LATER = 1000
-"""So many readings of an input are kept that are later than an answer may be."""
+"""How many readings of an input are kept that are later than an answer may be."""
 
 CLOCK_STEP_S = 0.005
 """A `stamp_error_s` that stamps refute is replaced by the next multiple of this."""
@@ -327,7 +327,7 @@ class MeasurementStore:
         orientation_xyzw: ArrayLike,
         stamp_s: float,
         frame: str,
-    ) -> OdometryReading:
+    ) -> OdometrySample:
         """Return a pose in new arrays: it is kept, and the caller may use its own again."""
         position, quaternion = real_numbers(position_xyz), real_numbers(orientation_xyzw)
         error = self._config.odometry_error_of(key.observer)
@@ -344,7 +344,7 @@ class MeasurementStore:
             text = f'stamp {stamp_s} s is not newer than the odometry before it, {newest_s} s'
             raise RefusedError(RejectionReason.TOO_OLD, text)
         rotation = rotation_of_quaternion(quaternion / math.sqrt(quaternion @ quaternion))
-        return OdometryReading(stamp_s, scaled, rotation, frame, reported_m=position)
+        return OdometrySample(stamp_s, scaled, rotation, frame, reported_m=position)
 
     @contextmanager
     def _counted(self, key: LinkKey, *, again: bool = False) -> Iterator[dict[LinkKey, Rejection]]:
@@ -381,7 +381,7 @@ class MeasurementStore:
         """Return the stamp of the newest measurement of an input; -inf when there is none."""
         return self._inputs[key].newest_stamp_s
 
-    def odometry_readings(self) -> dict[str, tuple[OdometryReading, ...]]:
+    def odometry_readings(self) -> dict[str, tuple[OdometrySample, ...]]:
         """Return the odometry of every robot that has some, oldest first."""
         return {robot: track.readings for robot, track in self._tracks.items()}
 
@@ -485,7 +485,7 @@ class MeasurementStore:
             )
         return self._tracks[robot]
 
-    def _newest_poses(self, key: LinkKey) -> dict[str, OdometryReading]:
+    def _newest_poses(self, key: LinkKey) -> dict[str, OdometrySample]:
         """Return the newest odometry of those of the robots at a link that can move."""
         if not self._tracks:
             return {}

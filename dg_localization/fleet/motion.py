@@ -18,7 +18,7 @@ import numpy as np
 from dg_localization.fleet.error_models import quoted
 from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.fleet.rotations import level_rotations, rotation_angle_rad
-from dg_localization.fleet.vocabulary import OdometryReading
+from dg_localization.fleet.vocabulary import OdometrySample
 from dg_localization.interval.angles import angle_up
 from dg_localization.interval.bounds import elapsed_up, product_up, sum_up
 from dg_localization.interval.rounding import rounding_error, step_up
@@ -30,13 +30,13 @@ ZERO_M, ZERO_RAD = 0.05, 0.05
 """A driver that starts again reports a pose at most this far from zero at first."""
 
 PAUSE, PERIODS = 1.5, 9
-"""A pause is longer than so many times the median of the last periods between messages."""
+"""A pause is longer than `PAUSE` times the median of the last `PERIODS` times between messages."""
 
 NOT_TURNED = np.eye(3)
 NOT_TURNED.flags.writeable = False
 
 ROUNDED = 12
-"""So many coordinates, of two positions: they are rounded when reported, and when scaled."""
+"""Coordinates of two positions that are rounded: when they are reported, and when scaled."""
 
 
 class OdometryTrack:
@@ -69,7 +69,7 @@ class OdometryTrack:
         self._error = error
         self._keep_s = keep_s
         self._in_plane = in_plane
-        self._readings: list[OdometryReading] = []
+        self._readings: list[OdometrySample] = []
         self._restarted_s = 0.0
         self._restart = ''
 
@@ -79,16 +79,16 @@ class OdometryTrack:
         return self._restart
 
     @property
-    def readings(self) -> tuple[OdometryReading, ...]:
+    def readings(self) -> tuple[OdometrySample, ...]:
         """The readings that are kept."""
         return tuple(self._readings)
 
     @property
-    def newest(self) -> OdometryReading:
+    def newest(self) -> OdometrySample:
         """The last reading; there is one from the first `append` on."""
         return self._readings[-1]
 
-    def append(self, reading: OdometryReading) -> None:
+    def append(self, reading: OdometrySample) -> None:
         """
         Add a reading, which must be newer than the last one.
 
@@ -139,7 +139,7 @@ class OdometryTrack:
         )
         self._forget_before(reading.stamp_s - self._keep_s)
 
-    def _is_back_at_zero(self, last: OdometryReading, reading: OdometryReading) -> bool:
+    def _is_back_at_zero(self, last: OdometrySample, reading: OdometrySample) -> bool:
         """
         Return whether a driver seems to have started again at zero.
 
@@ -178,7 +178,7 @@ class OdometryTrack:
         del self._readings[: max(0, first_kept - 1)]
 
 
-def _is_near_zero(reading: OdometryReading) -> bool:
+def _is_near_zero(reading: OdometrySample) -> bool:
     """Return whether a pose is that of a driver that has just started."""
     far_m = float(np.linalg.norm(reading.position_in_frame_m))
     return far_m <= ZERO_M and rotation_angle_rad(reading.rotation) <= ZERO_RAD
@@ -196,7 +196,7 @@ class Motion:
     max_turn_rate_rad_s : float
     errors : mapping of str to OdometryErrorModel
         By point, of its odometry, along the path of the samples.
-    odometry : mapping of str to tuple of OdometryReading
+    odometry : mapping of str to tuple of OdometrySample
         By robot, oldest first.
     in_plane : bool
         Whether turns are those of the heading alone.
@@ -208,7 +208,7 @@ class Motion:
     max_speed_m_s: Mapping[str, float]
     max_turn_rate_rad_s: float
     errors: Mapping[str, OdometryErrorModel]
-    odometry: Mapping[str, tuple[OdometryReading, ...]]
+    odometry: Mapping[str, tuple[OdometrySample, ...]]
     in_plane: bool = False
     between_stamps_s: float = 0.0
 
@@ -268,7 +268,7 @@ class Motion:
                 return after.T @ before, error_rad
         return NOT_TURNED, by_rate_rad
 
-    def newest(self, robot: str, stamp_s: float) -> OdometryReading | None:
+    def newest(self, robot: str, stamp_s: float) -> OdometrySample | None:
         """Return the newest odometry of a robot up to a time; None without one."""
         readings = reversed(self.odometry.get(robot, ()))
         return next((reading for reading in readings if reading.stamp_s <= stamp_s), None)
@@ -312,8 +312,8 @@ def _rounding_up_m(first_m: np.ndarray, second_m: np.ndarray) -> float:
 
 def _beyond_up_s(
     error: OdometryErrorModel,
-    start: OdometryReading,
-    end: OdometryReading,
+    start: OdometrySample,
+    end: OdometrySample,
     first_s: float,
     second_s: float,
 ) -> float:
@@ -325,7 +325,7 @@ def _beyond_up_s(
     )
 
 
-def way_between(first: OdometryReading, second: OdometryReading) -> tuple[float, float]:
+def way_between(first: OdometrySample, second: OdometrySample) -> tuple[float, float]:
     """Return upper bounds of the way and of the turns between two readings of one track."""
     if first is second:
         return 0.0, 0.0
@@ -339,7 +339,7 @@ def _distance_up_m(first: np.ndarray, second: np.ndarray) -> float:
     return step_up(step_up(math.dist(first.tolist(), second.tolist())))
 
 
-def _nearest(track: tuple[OdometryReading, ...], stamp_s: float) -> OdometryReading:
+def _nearest(track: tuple[OdometrySample, ...], stamp_s: float) -> OdometrySample:
     """Return the reading whose stamp is nearest."""
     after = bisect_left(track, stamp_s, key=lambda reading: reading.stamp_s)
     around = track[max(0, after - 1) : after + 1]

@@ -43,7 +43,7 @@ from dg_localization.poses import PastPoses
 from dg_localization.poses.turns import turned
 
 ROUNDED = 16
-"""So many operations move a sample to where the track before a restart ends."""
+"""Operations that move a sample to where the track before a restart ends."""
 
 
 @dataclass(frozen=True)

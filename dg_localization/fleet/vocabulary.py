@@ -135,7 +135,7 @@ class RayReading:
 
 
 @dataclass(frozen=True, eq=False)
-class OdometryReading:
+class OdometrySample:
     """
     One pose of a robot in its own odometry frame.
 

@@ -36,13 +36,13 @@ PARTY_SIZE = 3
 """Bodies whose poses are narrowed together."""
 
 PAIR_FACTOR = 4
-"""So many times the boxes for two bodies, since each takes that much less time."""
+"""Two bodies get this many times the boxes, since each takes that much less time."""
 
 PASSES = 6
 """How often linear programs narrow a box at most before it is halved."""
 
 FRUITLESS = 12
-"""When so many boxes narrow nothing, twice as many hardly ever do."""
+"""The search ends after this many boxes that narrow nothing: twice as many hardly ever do."""
 
 BATCH = 16
 """Boxes narrowed by linear programs between two looks at the clock, in about 1 ms."""

@@ -43,7 +43,7 @@ class LinearPrograms(NamedTuple):
     Attributes
     ----------
     slopes : numpy.ndarray, shape (f, m)
-        Of the rows, by unknown: so many rows are multiplied at once.
+        Of the rows, by unknown: f rows are multiplied at once.
     bounds : numpy.ndarray, shape (m + f, 2)
         Of the rows and of the unknowns themselves.
     active : numpy.ndarray of int, shape (f,)

@@ -23,8 +23,8 @@ from dg_localization.poses.turns import HALF_TURN_UP, TURN
 
 QUICK_READINGS = 48
 QUICK_GENERATIONS = 4
-"""The first four generations try so many readings only, spread over the window: they cut off most
-of what there is, and all readings would not cut off much more of such large boxes."""
+"""The first generations try only a few readings, spread over the window. These cut off most; all
+readings would not cut off much more of such large boxes."""
 
 CHUNK = 64
 """Boxes between two looks at the clock."""
@@ -65,7 +65,7 @@ class PairOptions:
             raise ValueError(f'max_boxes is {self.max_boxes}, must be positive')
 
 
-class Paving(NamedTuple):
+class PosePaving(NamedTuple):
     """
     Boxes (m, 2, 4 n) that hold every pose of n bodies that readings allow.
 
@@ -114,7 +114,7 @@ def cover_poses(
 
 def pave_poses(
     table: np.ndarray, boxes: np.ndarray, options: PairOptions, stopped: Callable[[], bool]
-) -> Paving:
+) -> PosePaving:
     """Return what the readings of a table leave of finite boxes (m, 2, 4 n)."""
     groups = int(table[:, GROUP].max(initial=0.0)) + 1
     guilty = np.zeros(groups, np.int64)
@@ -131,9 +131,9 @@ def pave_poses(
         )
         kept = np.concatenate([kept, done])
         if len(rest):
-            return Paving(np.concatenate([kept, rest, generation.boxes]), False, guilty)
+            return PosePaving(np.concatenate([kept, rest, generation.boxes]), False, guilty)
         depth += 1
-    return Paving(kept, True, guilty)
+    return PosePaving(kept, True, guilty)
 
 
 def _start_boxes(

@@ -11,7 +11,7 @@ import pytest
 
 from dg_localization.calibration.bounds import (
     Choice,
-    Shape,
+    ErrorShape,
     fit_half_width_rad,
     fit_range,
     missing_m,
@@ -36,7 +36,9 @@ def test_the_band_holds_its_share_and_none_shorter_does(keep):
     assert high - low <= (ordered[kept - 1 :] - ordered[: 400 - kept + 1]).min()
 
 
-@pytest.mark.parametrize('shape', [Shape(), Shape(relative=True), Shape(slope=0.01)])
+@pytest.mark.parametrize(
+    'shape', [ErrorShape(), ErrorShape(relative=True), ErrorShape(slope=0.01)]
+)
 @pytest.mark.parametrize('keep', [0.9, 0.99, 1.0])
 def test_the_node_holds_the_truth_of_as_many_readings_as_asked(shape, keep):
     rng = np.random.default_rng(5)
@@ -56,8 +58,8 @@ def test_errors_that_grow_with_the_range_are_relative():
     truth = rng.uniform(1.0, 20.0, 500)
     growing = truth * (1.0 + rng.uniform(-0.05, 0.15, 500))
     constant = truth + rng.uniform(-0.05, 0.15, 500)
-    assert shape_of(growing, growing - truth, EXACT) == Shape(relative=True)
-    assert shape_of(constant, constant - truth, EXACT) == Shape()
+    assert shape_of(growing, growing - truth, EXACT) == ErrorShape(relative=True)
+    assert shape_of(constant, constant - truth, EXACT) == ErrorShape()
     assert not shape_of([0.0, 1.0], [0.0, 0.1], EXACT).relative
 
 

@@ -13,7 +13,7 @@ from shapes import attitude
 
 from dg_localization.fleet.motion import Motion, OdometryTrack
 from dg_localization.fleet.odometry_error import OdometryErrorModel
-from dg_localization.fleet.vocabulary import OdometryReading
+from dg_localization.fleet.vocabulary import OdometrySample
 
 coordinate = st.floats(-1e6, 1e6)
 positions = st.tuples(coordinate, coordinate, coordinate)
@@ -31,7 +31,7 @@ def motion_of(*readings, speed=1e9, turn_rate=1.0, **errors):
 @given(start=positions, end=positions)
 def test_the_displacement_is_never_below_the_exact_distance(start, end):
     readings = [
-        OdometryReading(stamp_s, np.array(position), np.eye(3))
+        OdometrySample(stamp_s, np.array(position), np.eye(3))
         for stamp_s, position in ((1.0, start), (2.0, end))
     ]
     bound = Fraction(motion_of(*readings, speed=1e9).displacement_m('a', 1.0, 2.0))
@@ -45,7 +45,7 @@ def test_a_robot_at_its_limit_far_from_the_origin_does_not_restart_its_odometry(
     track = OdometryTrack(0.5, 1.0, OdometryErrorModel(), 1e9)
     for number in range(100):
         position_m = np.array([far_m + 0.05 * number, 0.0, 0.0])
-        track.append(OdometryReading(100.0 + 0.1 * number, position_m, np.eye(3), 'odom'))
+        track.append(OdometrySample(100.0 + 0.1 * number, position_m, np.eye(3), 'odom'))
     assert len(track.readings) == 100
 
 
@@ -62,14 +62,14 @@ def test_a_way_whose_steps_err_by_their_bounds_stays_within(seed):
     pose, stated, readings, sign = np.zeros(3), np.zeros(3), [], rng.choice([-1.0, 1.0])
     for k in range(12):
         place = np.array([*stated[:2], 0.0])
-        readings.append(OdometryReading(1.0 + k, place, attitude(stated[2])))
+        readings.append(OdometrySample(1.0 + k, place, attitude(stated[2])))
         way, turn = rng.uniform(0.0, 1.0), rng.uniform(-1.0, 1.0)
         off_m = error.translation_per_m * way + error.translation_per_rad * abs(turn)
         off_rad = error.rotation_per_m * way + error.rotation_per_rad * abs(turn)
         for moved, longer, more in ((stated, 0.0, 0.0), (pose, off_m, sign * off_rad)):
             step = (way + 0.999 * longer) * np.array([np.cos(moved[2]), np.sin(moved[2])])
             moved += [*step, turn + 0.999 * more]
-    readings.append(OdometryReading(13.0, np.array([*stated[:2], 0.0]), attitude(stated[2])))
+    readings.append(OdometrySample(13.0, np.array([*stated[:2], 0.0]), attitude(stated[2])))
     motion = motion_of(*readings, **errors)
     assert np.linalg.norm(pose[:2]) <= motion.displacement_m('a', 1.0, 13.0)
     rotation, half_width_rad = motion_of(*readings, turn_rate=9.0, **errors).turn('a', 1.0, 13.0)
@@ -82,7 +82,7 @@ def test_where_odometry_is_missing_the_way_is_as_long_as_the_limits_allow():
     error = OdometryErrorModel(translation_per_m=0.1, rotation_per_rad=0.1, max_gap_s=1.0)
     track = OdometryTrack(2.0, 1.0, error, 1e9)
     for stamp_s in (0.0, 1.0, 4.0):
-        track.append(OdometryReading(stamp_s, np.zeros(3), np.eye(3)))
+        track.append(OdometrySample(stamp_s, np.zeros(3), np.eye(3)))
     motion = Motion({'a': 2.0}, 1.0, {'a': error}, {'a': track.readings})
     assert motion.displacement_m('a', 0.0, 1.0) == pytest.approx(0.0, abs=1e-12)
     # 6 m of way, and 0.3 rad of turns that swing it.
@@ -98,7 +98,7 @@ def test_the_constant_errors_of_poses_turn_with_the_track():
     for off_rad, before, after in zip(offs_rad, constants, constants[1:], strict=False):
         place += np.exp(1j * off_rad) * (before - after)
     readings = [
-        OdometryReading(1.0 + k, np.zeros(3), attitude(turn_rad * k)) for k in range(count + 1)
+        OdometrySample(1.0 + k, np.zeros(3), attitude(turn_rad * k)) for k in range(count + 1)
     ]
     motion = motion_of(*readings, rotation_per_rad=0.2, constant_m=0.04)
     assert 0.1 < abs(place) <= motion.displacement_m('a', 1.0, 1.0 + count) < 0.3
@@ -111,7 +111,7 @@ def test_the_turn_of_a_body_that_pitches_is_that_of_its_heading(pitch_rad):
     error = OdometryErrorModel(rotation_per_rad=0.1)
     track = OdometryTrack(1e9, 1e9, error, 1e9, in_plane=True)
     for stamp_s, rotation in ((1.0, before), (2.0, after)):
-        track.append(OdometryReading(stamp_s, np.zeros(3), rotation))
+        track.append(OdometrySample(stamp_s, np.zeros(3), rotation))
     motion = Motion({'a': 1e9}, 1e9, {'a': error}, {'a': track.readings}, in_plane=True)
     first_rad, last_rad = (np.arctan2(turn[1, 0], turn[0, 0]) for turn in (before, after))
     assert motion.turn('a', 1.0, 2.0)[1] >= 0.1 * (last_rad - first_rad)

@@ -67,7 +67,3 @@ def test_what_arrived_before_the_time_jumped_back_never_looks_new(is_simulated):
     steady['s'] = 11.0
     assert node_time.arrived_s(1.001) is None
     assert node_time.arrived_s(0.5) is not None
-    node_time.begin_anew()
-    assert node_time.arrived_s(0.5) is None
-    steady['s'] = 12.0
-    assert node_time.arrived_s(0.5) is not None

@@ -48,7 +48,7 @@ def normal_equations(
     Parameters
     ----------
     kinds, bodies, arms_m, values, weights
-        The fields of `PackedTerms`.
+        The fields of `Terms`.
     robust : bool
         Whether a range or a ray costs log(1 + e) instead of its squared residual e (Cauchy), so
         that what is far beyond its bounds pulls little. Their rows are weighted to match.

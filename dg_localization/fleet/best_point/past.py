@@ -46,8 +46,8 @@ GUESS_SCALE_M = 0.5
 """A landmark that is farther off than this counts less when a pose is guessed."""
 
 GREATEST_OFF, MEAN_OFF, FEW = 2.0, 1.05, 8
-"""A term that is farther off a fit than so many half widths, and terms whose root mean square is,
-show that bounds do not hold; the last is how many terms are enough for that."""
+"""Bounds do not hold where one term is farther off a fit than the first, in half widths, or where
+the root mean square of at least `FEW` terms is above the second."""
 
 NEAREST_M = 0.1
 """A target that is nearer may be seen in any direction once its observer has moved."""

@@ -10,7 +10,7 @@ import math
 
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.contradictions.conflicts import Explanation, Limits, explain
-from dg_localization.fleet.contradictions.oracle import ContradictionOracle, regions_of
+from dg_localization.fleet.contradictions.oracle import ContradictionOracle, small_parts
 from dg_localization.fleet.contradictions.suspects import (
     Observations,
     Suspect,
@@ -53,7 +53,7 @@ def explain_snapshot(
     kinds = list(SuspectKind)
     return explain(
         observed.observations,
-        regions_of(snapshot, observed),
+        small_parts(snapshot, observed),
         [observed.covered_by(kind) for kind in kinds[kinds.index(config.outlier_unit) :]],
         ContradictionOracle(snapshot, observed, cancel),
         Limits(

@@ -95,7 +95,7 @@ def _triangles_hold(constraints: Constraints) -> bool:
     )
 
 
-def regions_of(snapshot: Snapshot, observed: Observations) -> tuple[Suspects, ...]:
+def small_parts(snapshot: Snapshot, observed: Observations) -> tuple[Suspects, ...]:
     """Return parts of the observations that concern few robots, small ones first."""
     return tuple(dict.fromkeys(_regions(snapshot, observed)))
 

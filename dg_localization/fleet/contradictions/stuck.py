@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dg_localization.fleet.config import FleetConfig
-from dg_localization.fleet.vocabulary import DistanceReading, LinkKey, LinkKind, OdometryReading
+from dg_localization.fleet.vocabulary import DistanceReading, LinkKey, LinkKind, OdometrySample
 
 LEAST_WAY_M = 0.5
 LEAST_TURN_RAD = 0.5
@@ -26,11 +26,11 @@ UNKNOWN_MOTION_FACTOR = 10
 """With this multiple of the readings, nothing need be known of the motion."""
 
 SHOWN = 3
-"""So many ranges in a row show motion: one or two may be wrong."""
+"""Ranges in a row that show motion: one or two may be wrong."""
 
 UNKNOWN_MOTION = 'and no odometry says that the robots stand still'
 
-Poses = Mapping[str, OdometryReading]
+Poses = Mapping[str, OdometrySample]
 """The newest odometry by robot."""
 
 
@@ -123,7 +123,7 @@ class StuckWatch:
         return ''
 
 
-def _is_same_frame(before: OdometryReading, now: OdometryReading) -> bool:
+def _is_same_frame(before: OdometrySample, now: OdometrySample) -> bool:
     """Return whether odometry did not start anew between two readings."""
     return (before.frame, before.restarted_s) == (now.frame, now.restarted_s)
 
@@ -181,7 +181,7 @@ class FrozenWatch:
         return self._frozen.get(robot, '')
 
 
-def _is_same_pose(before: OdometryReading, now: OdometryReading) -> bool:
+def _is_same_pose(before: OdometrySample, now: OdometrySample) -> bool:
     """Return whether two poses are equal to the last bit."""
     return before is now or (
         np.array_equal(before.position_m, now.position_m)

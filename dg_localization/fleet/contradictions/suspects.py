@@ -207,9 +207,9 @@ class Offender:
     ----------
     sensor : Suspect
     count : int
-        In so many contradictions it was.
+        In how many contradictions it was a suspect.
     contradictions : int
-        Of so many.
+        How many contradictions there were.
     span_s : float
         In this time.
 

@@ -20,7 +20,7 @@ from dg_localization.fleet.checks import FARTHEST_M
 from dg_localization.fleet.estimate import FixedFrame, FrameKind, Placement
 from dg_localization.fleet.rotations import level_rotations, quaternion_of, rotation_of_quaternion
 from dg_localization.fleet.snapshot import Snapshot
-from dg_localization.fleet.vocabulary import OdometryReading
+from dg_localization.fleet.vocabulary import OdometrySample
 from dg_localization.interval.angles import angle_up, chord_up, rotation_2d
 from dg_localization.interval.arrays import Interval, rotate
 from dg_localization.interval.bounds import product_up, sum_up
@@ -159,7 +159,7 @@ def in_odometry_frame(
     )
 
 
-def _frame_of(robot: str, reading: OdometryReading) -> FixedFrame:
+def _frame_of(robot: str, reading: OdometrySample) -> FixedFrame:
     return FixedFrame(FrameKind.ODOMETRY, (robot,), reading.frame, reading.restarted_s)
 
 

@@ -25,7 +25,7 @@ ones: then what was measured before is forgotten.
 """
 
 CONFIRMING = 3
-"""So many measurements that agree with those before end a doubt."""
+"""A doubt ends after this many measurements that agree with those before."""
 
 
 @dataclass(frozen=True)

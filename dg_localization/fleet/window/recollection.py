@@ -43,7 +43,7 @@ PROVED_CONTRADICTS = 'what an earlier estimate proved contradicts what is measur
 CONTRADICTS_NOW = 'what was measured before contradicts what is measured now'
 
 MOST_LATE = 3.0
-"""Where the processors are busy with other work, so many times the span may pass on the clock."""
+"""How many times the span may pass on the clock, where the processors are busy with other work."""
 
 MOST_PARTNERS = 4
 """Of each robot: near ones tell most of its heading, since errors of ranges grow with them."""

@@ -31,7 +31,7 @@ from msg_adapters.headers import message_class
 NS_PER_S = 1_000_000_000
 # Stamps have 32 bits for the seconds.
 END_OF_ROS_TIME_NS = 2**31 * NS_PER_S
-# So many messages of a topic show by which definition they were written.
+# How many messages of a topic show by which definition they were written.
 SAMPLES = 20
 # The recorder hands over messages in the order of callbacks, not of their receive times, and a
 # file of a split bag ends among them.
@@ -50,7 +50,7 @@ class Channel(NamedTuple):
     offered_qos: str
 
 
-class Record(NamedTuple):
+class RawMessage(NamedTuple):
     """A channel that begins, where `data` is None, or a message with its receive time in ns."""
 
     channel: Channel
@@ -58,7 +58,7 @@ class Record(NamedTuple):
     data: bytes | None = None
 
 
-def read_file(path: Path, damage: list[str]) -> Iterator[Record]:
+def read_file(path: Path, damage: list[str]) -> Iterator[RawMessage]:
     """Yield the records up to the first damage that hides the next; add what is wrong."""
     try:
         yield from _read_mcap(path) if path.suffix == '.mcap' else _read_sqlite(path, damage)
@@ -67,7 +67,7 @@ def read_file(path: Path, damage: list[str]) -> Iterator[Record]:
         damage.append(f'{path.name}: {reason}; what follows is not read')
 
 
-def _read_mcap(path: Path) -> Iterator[Record]:
+def _read_mcap(path: Path) -> Iterator[RawMessage]:
     from mcap.records import Channel as McapChannel, DataEnd, Message, Schema
     from mcap.stream_reader import StreamReader
 
@@ -77,12 +77,12 @@ def _read_mcap(path: Path) -> Iterator[Record]:
         size = path.stat().st_size
         for record in StreamReader(file, validate_crcs=True, record_size_limit=size).records:
             if isinstance(record, Message):
-                yield Record(known[record.channel_id], record.log_time, record.data)
+                yield RawMessage(known[record.channel_id], record.log_time, record.data)
             elif isinstance(record, Schema):
                 schemas[record.id] = record
             elif isinstance(record, McapChannel):
                 known[record.id] = _channel_of(record, schemas.get(record.schema_id))
-                yield Record(known[record.id])
+                yield RawMessage(known[record.id])
             elif isinstance(record, DataEnd):
                 # What follows repeats it for the index.
                 return
@@ -99,7 +99,7 @@ def _channel_of(channel: Any, schema: Any) -> Channel:
     return Channel(channel.topic, type_name, encoding, definition, qos)
 
 
-def _read_sqlite(path: Path, damage: list[str]) -> Iterator[Record]:
+def _read_sqlite(path: Path, damage: list[str]) -> Iterator[RawMessage]:
     for ending in ('-wal', '-journal'):
         left = path.with_name(path.name + ending)
         if left.exists() and left.stat().st_size:
@@ -122,13 +122,13 @@ def _read_sqlite(path: Path, damage: list[str]) -> Iterator[Record]:
             qos = str(row.get('offered_qos_profiles') or '')
             described = definitions.get(row['type'], ('', ''))
             known[row['id']] = Channel(row['name'], row['type'] + other, *described, qos)
-            yield Record(known[row['id']])
+            yield RawMessage(known[row['id']])
         n_wrong = 0
         query = 'SELECT topic_id, timestamp, data FROM messages ORDER BY rowid'
         for topic_id, time_ns, data in base.execute(query):
             # SQLite keeps any type of value in any column.
             if isinstance(time_ns, int) and isinstance(data, bytes) and topic_id in known:
-                yield Record(known[topic_id], time_ns, data)
+                yield RawMessage(known[topic_id], time_ns, data)
             else:
                 n_wrong += 1
     if n_wrong:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from dg_localization.calibration.answers import FleetTruth
 from dg_localization.calibration.bounds import (
     Choice,
-    Shape,
+    ErrorShape,
     fit_half_width_rad,
     fit_range,
     missing_m,
@@ -40,7 +40,7 @@ GROUPS = ('link', 'sensor', 'all')
 # Fewer readings get the bounds of the next larger group.
 READINGS = 20
 UNITS = {LinkKind.RANGE: 'm', LinkKind.BEARING: 'rad'}
-# Readings of one link that are nearer in time are named together, and so many times are named.
+# Readings of one link that are nearer in time are named together; at most `NAMED` times are named.
 GAP_S, NAMED = 1.0, 20
 # The delays that are told, over which time distances are seen to change, and which share of the
 # variance of the errors a delay must explain.
@@ -68,7 +68,7 @@ class GroupFit(NamedTuple):
 
 
 @dataclass
-class Fit:
+class LearnedBounds:
     """
     What was learned from a bag.
 
@@ -153,13 +153,13 @@ def fit(
     links: Collection[LinkKey],
     per: str,
     choice: Choice,
-) -> Fit:
+) -> LearnedBounds:
     """
     Learn bounds from readings and a ground truth, or without one from their scatter.
 
     Without a truth no bounds become narrower than those stated.
     """
-    fleet, learned = gatherer.config, Fit(is_widened=truth is None)
+    fleet, learned = gatherer.config, LearnedBounds(is_widened=truth is None)
     tracks = truth.tracks if truth else None
     stated = errors = errors_of(gatherer, tracks)
     if tracks is not None:
@@ -167,7 +167,7 @@ def fit(
         errors = errors_of(gatherer, tracks, learned.offsets_s)
     learned.judged = frozenset(key for key, one in errors.items() if len(one.errors))
     for kind in (LinkKind.RANGE, LinkKind.BEARING):
-        gathered, shape = _gathered(errors, kind, per), Shape()
+        gathered, shape = _gathered(errors, kind, per), ErrorShape()
         if truth and kind is LinkKind.RANGE and EVERYTHING in gathered:
             shape = shape_of(gathered[EVERYTHING].values, gathered[EVERYTHING].errors, choice)
         learned.groups[kind] = {
@@ -214,7 +214,7 @@ def _stated(gatherer: Gatherer, kind: LinkKind, pair: Pair) -> SensorBounds:
 
 
 def _known_group(
-    kind: LinkKind, one: Errors, choice: Choice, shape: Shape, dimension: int
+    kind: LinkKind, one: Errors, choice: Choice, shape: ErrorShape, dimension: int
 ) -> GroupFit:
     """Return the bounds of readings whose errors are known, and how well a half tells them."""
 
@@ -289,7 +289,7 @@ def _scatter_group(kind: LinkKind, one: Errors, choice: Choice, stated: SensorBo
 
 
 def _add_delays(
-    learned: Fit,
+    learned: LearnedBounds,
     errors: Mapping[LinkKey, Errors],
     tracks: Mapping[str, TrueTrack],
     links: Collection[LinkKey],

@@ -21,8 +21,8 @@ import tempfile
 from dg_localization.calibration.bounds import Choice
 from dg_localization.fleet import FleetConfig, LinkKind
 from dg_localization.ros.bags.bag import Bag, in_seconds, open_bag
-from dg_localization.ros.bags.fit import GROUPS, Fit, fit, range_parameters
-from dg_localization.ros.bags.offline import Inputs, Task, find_inputs, read_task
+from dg_localization.ros.bags.fit import GROUPS, LearnedBounds, fit, range_parameters
+from dg_localization.ros.bags.offline import RecordedInputs, Task, find_inputs, read_task
 from dg_localization.ros.bags.reading import Reading
 from dg_localization.ros.bags.report import Tree
 from dg_localization.ros.bags.samples import Gatherer
@@ -44,7 +44,7 @@ from dg_localization.ros.spinning import own_arguments
 
 
 def collect(
-    options: argparse.Namespace, task: Task, bag: Bag, inputs: Inputs
+    options: argparse.Namespace, task: Task, bag: Bag, inputs: RecordedInputs
 ) -> tuple[Gatherer, list[str]]:
     """Return the readings of a bag and what is wrong with it; print what is not learned of."""
     gatherer, rejected = Gatherer(task.settings.fleet), Counter[str]()
@@ -127,7 +127,7 @@ BOUNDS = {
 }
 
 
-def as_yaml(fit: Fit, links: Sequence[Link], bag: str, fleet: FleetConfig) -> str:
+def as_yaml(fit: LearnedBounds, links: Sequence[Link], bag: str, fleet: FleetConfig) -> str:
     """Return the file."""
     comments = [f'Error bounds learned from {bag} by fit_bounds.', *fit.notes]
     comments += _kept_links(fit, links)
@@ -143,7 +143,7 @@ def as_yaml(fit: Fit, links: Sequence[Link], bag: str, fleet: FleetConfig) -> st
     return parameters_text(comments, parameters)
 
 
-def _link_text(fit: Fit, link: Link, fleet: FleetConfig) -> str:
+def _link_text(fit: LearnedBounds, link: Link, fleet: FleetConfig) -> str:
     """Return a link that has bounds of its own or was named as such; else nothing."""
     kinds = MEASURED.get(link.key.kind, ())
     own: dict[str, float] = {}
@@ -165,7 +165,9 @@ def _link_text(fit: Fit, link: Link, fleet: FleetConfig) -> str:
     return ' '.join(filter(None, words))
 
 
-def _bounds_of(fit: Fit, kind: LinkKind, link: Link, fleet: FleetConfig) -> dict[str, float]:
+def _bounds_of(
+    fit: LearnedBounds, kind: LinkKind, link: Link, fleet: FleetConfig
+) -> dict[str, float]:
     """Return the bounds that a link needs to be given, of its ranges or of its bearings."""
     stated = {name: value for name, value in link.overrides.items() if name in BOUNDS[kind]}
     group = fit.group_of(kind, link.key.ends)
@@ -180,13 +182,13 @@ def _bounds_of(fit: Fit, kind: LinkKind, link: Link, fleet: FleetConfig) -> dict
     return _widest(whole, group.bounds) if fit.is_widened else {**stated, **group.bounds}
 
 
-def _is_as_stated(fit: Fit, kind: LinkKind, link: Link) -> bool:
+def _is_as_stated(fit: LearnedBounds, kind: LinkKind, link: Link) -> bool:
     """Return whether a link keeps bounds of its own: none of its readings speaks against them."""
     states = not link.overrides.keys().isdisjoint(BOUNDS[kind])
     return states and not fit.is_judged(kind, link.key.ends)
 
 
-def _kept_links(fit: Fit, links: Iterable[Link]) -> Iterator[str]:
+def _kept_links(fit: LearnedBounds, links: Iterable[Link]) -> Iterator[str]:
     """Yield a sentence on each link whose bounds stay, although those of others were learned."""
     for link in links:
         for kind in MEASURED.get(link.key.kind, ()):

@@ -30,7 +30,7 @@ from dg_localization.ros.bags.page import as_page
 from dg_localization.ros.bags.picture import PICTURES, AnswerPicture, check_can_draw
 from dg_localization.ros.bags.reading import Reading
 from dg_localization.ros.bags.report import (
-    Table,
+    Sheet,
     Tally,
     Tree,
     as_json,
@@ -251,7 +251,7 @@ def many_as_markdown(outcomes: Sequence[Tree]) -> str:
         *('median width, by robot', 'truth inside', 'ended'),
     )
     rows = [_cells(outcome) for outcome in outcomes]
-    return as_markdown(f'{len(outcomes)} bags', [Table(columns, rows)])
+    return as_markdown(f'{len(outcomes)} bags', [Sheet(columns, rows)])
 
 
 def _cells(outcome: Tree) -> list[Any]:

@@ -95,7 +95,7 @@ def _hidden_localizer(params: Path, arguments: Sequence[str]) -> Iterator[Node]:
 
 
 @dataclass(frozen=True)
-class Inputs:
+class RecordedInputs:
     """
     Which topics of a bag are inputs.
 
@@ -118,7 +118,7 @@ class Inputs:
     wrong_types: dict[Link, tuple[str, ...]]
 
 
-def find_inputs(settings: Settings, recorded: Mapping[str, Sequence[str]]) -> Inputs:
+def find_inputs(settings: Settings, recorded: Mapping[str, Sequence[str]]) -> RecordedInputs:
     """Find the inputs of a fleet among recorded topics, each with the types of its messages."""
     finder = TopicFinder(settings.templates, settings.links, settings.fleet.points)
     found = finder.find(sorted((topic, list(kinds)) for topic, kinds in recorded.items()))
@@ -134,7 +134,7 @@ def find_inputs(settings: Settings, recorded: Mapping[str, Sequence[str]]) -> In
             f'{len(settings.links)} links; it has {topics_text}'
         )
         raise BagError('; '.join([what, *notices]))
-    return Inputs(links, notices, topics, dict(finder.wrong_types))
+    return RecordedInputs(links, notices, topics, dict(finder.wrong_types))
 
 
 def _wrong_with(link: Link, recorded: Mapping[str, Sequence[str]]) -> str:
@@ -159,7 +159,7 @@ class BagLocalizer:
 
     """
 
-    def __init__(self, task: Task, inputs: Inputs, writer: BagWriter) -> None:
+    def __init__(self, task: Task, inputs: RecordedInputs, writer: BagWriter) -> None:
         self._task, self._inputs, self._writer = task, inputs, writer
         self._links = {link.topic: link for link in inputs.links}
         settings = task.settings

@@ -13,7 +13,7 @@ from html import escape
 from typing import Any
 
 from dg_localization.fleet import FleetConfig
-from dg_localization.ros.bags.report import Table, Tree, parts
+from dg_localization.ros.bags.report import Sheet, Tree, parts
 
 STYLE = """
 body { font: 15px/1.5 sans-serif; max-width: 75rem; margin: 2rem auto; padding: 0 1rem; }
@@ -49,9 +49,9 @@ def as_page(tree: Tree, fleet: FleetConfig, picture: str) -> str:
         picture[picture.index('<svg') :],
         *map(_html, parts(tree)),
         '<h2>What was heard</h2>',
-        _html(Table(('input', 'topics', 'accepted', 'rejected', 'last rejected because'), heard)),
+        _html(Sheet(('input', 'topics', 'accepted', 'rejected', 'last rejected because'), heard)),
         '<h2>Configuration</h2>',
-        _html(Table(('setting', 'value'), settings)),
+        _html(Sheet(('setting', 'value'), settings)),
     ]
     return (
         f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title>\n'
@@ -84,7 +84,7 @@ def verdict(tree: Tree) -> str:
     return f'{first} {damaged}{second}.'
 
 
-def _html(part: str | Table) -> str:
+def _html(part: str | Sheet) -> str:
     """Return a paragraph or a table."""
     if isinstance(part, str):
         return f'<p>{escape(part)}</p>' if part else ''

@@ -31,7 +31,7 @@ COLORS = ('#0072B2', '#E69F00', '#009E73', '#D55E00', '#CC79A7', '#56B4E9')
 """Told apart by people of every color vision (Okabe and Ito); further robots begin again."""
 
 MOMENTS, ROWS = 600, 20
-"""So many answers, of which each has a pixel, and so many robots with panels of their own."""
+"""Most answers that are drawn, one a pixel, and most robots with panels of their own."""
 
 ROW_IN, MAP_IN, PANEL_IN = 1.5, 5.5, 3.2
 """The height of a robot's panels and the widths of the map and of a panel, in inches."""

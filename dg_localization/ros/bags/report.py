@@ -30,7 +30,7 @@ Tree: TypeAlias = dict[str, Any]
 NUMBER = re.compile(r'\d[\d.]*')
 
 ROWS = 30
-"""So many rows of what the node would say are shown."""
+"""Most rows of what the node would say."""
 
 
 class Tally:
@@ -158,14 +158,14 @@ def as_json(tree: Tree) -> str:
 
 
 @dataclass(frozen=True)
-class Table:
+class Sheet:
     """A table of a report: what its columns are called, and its rows."""
 
     columns: Sequence[str]
     rows: Sequence[Sequence[Any]]
 
 
-def as_markdown(title: str, parts: Iterable[str | Table]) -> str:
+def as_markdown(title: str, parts: Iterable[str | Sheet]) -> str:
     """Return a report for a person; its tables read well as they are, too."""
     texts = [f'# {title}']
     for part in parts:
@@ -180,7 +180,7 @@ def as_markdown(title: str, parts: Iterable[str | Table]) -> str:
     return '\n\n'.join(filter(None, texts)) + '\n'
 
 
-def parts(tree: Tree) -> Iterator[str | Table]:
+def parts(tree: Tree) -> Iterator[str | Sheet]:
     """Yield the paragraphs and the tables of a report."""
     yield (
         f'{_ticks(tree["ticks"])} at {tree["rate_hz"]:g} Hz, from {tree["start_s"]:.1f} to '
@@ -189,14 +189,14 @@ def parts(tree: Tree) -> Iterator[str | Table]:
     yield tree['ending']
     if tree['damage']:
         yield f'The bag is damaged: {"; ".join(tree["damage"])}.'
-    yield Table(('hypotheses', 'ticks'), [*tree['ticks_by_hypotheses'].items()])
-    yield Table(('verdict', 'ticks'), [*tree['ticks_by_verdict'].items()])
+    yield Sheet(('hypotheses', 'ticks'), [*tree['ticks_by_hypotheses'].items()])
+    yield Sheet(('verdict', 'ticks'), [*tree['ticks_by_verdict'].items()])
     if at_budget := tree['ticks_by_verdict'].get(Verdict.OUT_OF_BUDGET.value):
         yield (
             f'The search of {_ticks(at_budget)} ended at solver.max_boxes, {tree["max_boxes"]} '
             'boxes: no placement is lost, but a longer search may leave less.'
         )
-    yield Table(
+    yield Sheet(
         ('robot', 'median width of its enclosure'),
         [(robot, width_text(tree, robot)) for robot in tree['median_enclosure_width_m']],
     )
@@ -204,8 +204,8 @@ def parts(tree: Tree) -> Iterator[str | Table]:
         yield from truth_parts(tree['truth'])
     rejected = tree['rejected']
     yield f'{tree["accepted"]} measurements were taken, {sum(rejected.values())} rejected.'
-    yield Table(('rejected because', 'measurements'), [*rejected.items()])
-    yield Table(
+    yield Sheet(('rejected because', 'measurements'), [*rejected.items()])
+    yield Sheet(
         ('could not be read', 'because'),
         [
             (topic, f'{wrong["last"]} ({wrong["messages"]} messages)')
@@ -224,7 +224,7 @@ def width_text(tree: Tree, robot: str) -> str:
     return 'not bounded' if width_m is None else f'{width_m:.2f} m'
 
 
-def _over_time(tree: Tree) -> Iterator[str | Table]:
+def _over_time(tree: Tree) -> Iterator[str | Sheet]:
     """Yield what was the case at some times: contradictions, what was forgotten and said."""
     found = spans(tree['contradictions'], 'conflicts')
     if not found:
@@ -233,20 +233,20 @@ def _over_time(tree: Tree) -> Iterator[str | Table]:
         (when, '; '.join(', '.join(conflict) for conflict in conflicts) or 'not found')
         for (conflicts,), when in found.items()
     ]
-    yield Table(('contradiction', 'between'), rows)
+    yield Sheet(('contradiction', 'between'), rows)
     forgotten = spans(tree['forgotten'], 'why')
-    yield Table(('forgotten because', 'at'), [(why, when) for (why,), when in forgotten.items()])
+    yield Sheet(('forgotten because', 'at'), [(why, when) for (why,), when in forgotten.items()])
     # Who is told the same at the same times has one row.
     names: dict[tuple[str, str], list[str]] = {}
     for (name, text), when in spans(tree['said'], 'status', 'message').items():
         names.setdefault((text, when), []).append(name)
     said = [(f'{", ".join(found)}: {text}', when) for (text, when), found in names.items()]
-    yield Table(('the node says', 'at'), said[:ROWS])
+    yield Sheet(('the node says', 'at'), said[:ROWS])
     if len(said) > ROWS:
         yield f'And {len(said) - ROWS} things more, which a report in JSON has.'
 
 
-def truth_parts(truth: Tree) -> Iterator[str | Table]:
+def truth_parts(truth: Tree) -> Iterator[str | Sheet]:
     """Yield what is said of the answers beside a ground truth."""
     if truth['without_truth']:
         yield f'There is no ground truth of {", ".join(truth["without_truth"])}.'
@@ -264,7 +264,7 @@ def truth_parts(truth: Tree) -> Iterator[str | Table]:
         text += f' {truth[name]} answers {sentence}.' if truth[name] else ''
     yield text + gaps
     missed = spans(truth['missed'], 'robots')
-    yield Table(
+    yield Sheet(
         ('truth outside', 'of'),
         [(when, ', '.join(robots)) for (robots,), when in missed.items()],
     )
@@ -280,7 +280,7 @@ def truth_parts(truth: Tree) -> Iterator[str | Table]:
             for name, error in kinds.items()
         ]
         rows += [(robot, ', '.join(texts))] if texts else []
-    yield Table(('robot', 'off the truth in the nearest hypothesis, median (95 %)'), rows)
+    yield Sheet(('robot', 'off the truth in the nearest hypothesis, median (95 %)'), rows)
 
 
 def spans(runs: Iterable[Tree], *names: str) -> dict[tuple[Any, ...], str]:

@@ -27,10 +27,10 @@ class TruthTally:
     Attributes
     ----------
     counts : dict of str to int
-        `compared` and `uncompared` are answers with placements, or with a proof that there is
-        none, of whose time the truth is known, and not known. Of those compared `held` are the
-        ones that hold it, `infeasible` those without a placement, and `unlisted` those of which
-        none that is listed holds it, while not all are listed.
+        Answers with placements, or with a proof that there is none: `compared` where the truth
+        is known at their time, `uncompared` where not. Of those compared, `held` contain the
+        truth, `infeasible` have no placement, and in `unlisted` no listed placement contains the
+        truth while some are not listed.
     misses : Runs
         The others: the robots that the nearest hypothesis does not hold.
 

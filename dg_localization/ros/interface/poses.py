@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from dg_localization.fleet import Estimate, FixedFrame, FrameKind, Placement
 from dg_localization.fleet.rotations import level_rotations, quaternion_of, rotation_of_quaternion
-from dg_localization.fleet.vocabulary import OdometryReading
+from dg_localization.fleet.vocabulary import OdometrySample
 from msg_adapters import PoseList, UncertainPose
 from msg_adapters.poses import Transform
 
@@ -155,7 +155,7 @@ MOST_CARRIED_S = 0.2
 # Between poses that are farther apart a robot may have been anywhere.
 MOST_GAP_S = 0.5
 
-Tracks = Mapping[str, Sequence[OdometryReading]]
+Tracks = Mapping[str, Sequence[OdometrySample]]
 
 
 def transforms(
@@ -194,7 +194,7 @@ def transforms(
 
 
 def _transform(
-    estimate: Estimate, row: int, name: str, child: str, track: Sequence[OdometryReading]
+    estimate: Estimate, row: int, name: str, child: str, track: Sequence[OdometrySample]
 ) -> Transform | None:
     """Return the transform to the odometry frame of a robot, or to its body; None for no place."""
     pose = unique_pose(estimate, row, name)
@@ -215,7 +215,7 @@ def _transform(
 
 
 def _body_at(
-    track: Sequence[OdometryReading], stamp_s: float
+    track: Sequence[OdometrySample], stamp_s: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
     """Return position and rotation of a body in its odometry frame, None where that ends."""
     if len(track) < 2 or not track[0].stamp_s <= stamp_s <= track[-1].stamp_s + MOST_CARRIED_S:

@@ -10,7 +10,7 @@ from statistics import median
 import time
 
 MOST_STEPS = 9
-"""So many steps of the time are looked at."""
+"""How many steps of the time are remembered."""
 
 LEAST_SET_BACK_S = 0.001
 """A clock may be set back by less unnoticed: clocks of a machine do not run exactly alike."""
@@ -63,7 +63,7 @@ class NodeTime:
             # So much passed at least: it was set back by less than since the last call.
             back_s = missing_s
         if back_s > 0.0:
-            self.begin_anew()
+            self._begun_at_s = self._steady_s()
         if now_s > self._last_s > 0.0:
             self._steps_s.append(now_s - self._last_s)
         if now_s != self._last_s:
@@ -71,16 +71,12 @@ class NodeTime:
         self._last_s = now_s
         return now_s, back_s
 
-    def begin_anew(self) -> None:
-        """Let nothing count any more that has arrived until now."""
-        self._begun_at_s = self._steady_s()
-
     def arrived_s(self, waited_s: float) -> float | None:
         """
         Return when that arrived which has waited for some real time before the last call of `now`.
 
-        None where that was before the time jumped back, or before `begin_anew`: it must not look
-        new. How much of a simulated time has passed is not known: it is that of the last call.
+        None where that was before the time jumped back: it must not look new. How much of a
+        simulated time has passed is not known: it is that of the last call.
         """
         if self._steady_s() - waited_s < self._begun_at_s:
             return None
@@ -95,7 +91,7 @@ class NodeTime:
         return self._steady_s() - self._moved_at_s
 
     def warnings(self, n_publishers: int, is_active: bool) -> Iterator[str]:
-        """Yield what is wrong with the clock, which so many publishers of /clock give."""
+        """Yield what is wrong with the clock, given the number of publishers of /clock."""
         still_s, step_s = self.stands_still_s(), self.step_s()
         if is_active and still_s > SILENT_CLOCK_S:
             yield f'time has stood still for {still_s:.1f} s: /clock is silent or paused'

@@ -37,7 +37,7 @@ BEGINNING = re.compile(r'[^:;,0-9]*')
 """What is wrong, of a message that goes on with names and numbers."""
 
 LOOKS_BETWEEN = 5
-"""A fleet that comes and goes has no more than one line in so many looks."""
+"""A fleet that comes and goes is logged once in this many looks at most."""
 
 
 def transition(

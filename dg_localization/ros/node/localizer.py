@@ -365,9 +365,7 @@ class LocalizerNode(ManagedNode):
     def _forget(self, reason: str) -> None:
         """Stop the estimate, forget all that has arrived, and take back the last answer."""
         self._worker.cancel()
-        self._time.begin_anew()
         if self._inputs is not None:
-            # Not every middleware says when a message arrived.
             self._inputs.drop_waiting()
         self._localizer.reset()
         self._rate.clear()

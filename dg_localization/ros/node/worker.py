@@ -22,7 +22,7 @@ CLOSE_S = 2.0
 # The solver uses every processor, in threads that inherit the priority of this one. Without this,
 # messages wait for a turn among them and are lost (benchmarks/notes/reliability.md).
 NICENESS = 5
-# An estimate that takes so many times its limit, and at least so long, may never end.
+# An estimate that takes this many times its limit, and at least that many seconds, may never end.
 PATIENCE = 5.0
 LEAST_PATIENCE_S = 10.0
 

@@ -21,7 +21,7 @@ from dg_localization.solver.place.rigidity import RANK_TOLERANCE
 from dg_localization.solver.result import Hypothesis
 
 LARGE, MOST_APEXES = 40, 8
-"""Of a piece of more points so many about a face are looked at."""
+"""In a piece of more than `LARGE` points, `MOST_APEXES` about a face are looked at."""
 
 
 @kernel

@@ -33,8 +33,8 @@ MOST_SMALL, MOST_DENSE = 12, 60
 box leads to a placement. With 16 few points, fleets of 20 robots take up to 2.5 times as long."""
 
 MOST_DRAWN = 4
-"""So many times distances are drawn at random, where the longest ones lead to no placement (as
-EMBED does: Havel, Kuntz, Crippen 1983)."""
+"""How often distances are drawn at random, where the longest ones lead to no placement (EMBED:
+Havel, Kuntz, Crippen 1983)."""
 
 AT_ONCE = 60
 """Up to this many coordinates are placed whatever the time: that takes a millisecond or two."""

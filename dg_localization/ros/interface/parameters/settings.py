@@ -47,7 +47,7 @@ from dg_localization.ros.interface.parameters.table import (
 from dg_localization.ros.interface.poses import check_frame_id
 from dg_localization.solver.options import SolverOptions
 
-# An answer counts as new for so many periods, and at least for so long.
+# For how many periods an answer counts as new, and for how long at least.
 LIFETIME_PERIODS = 3.0
 LEAST_LIFETIME_S = 1.0
 
