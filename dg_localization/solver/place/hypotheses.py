@@ -32,7 +32,7 @@ MOST_SMALL, MOST_DENSE = 12, 60
 """Few points, or exact distances of up to `MOST_DENSE`, are placed by known pairs alone where no
 box leads to a placement. With 16 few points, fleets of 20 robots take up to 2.5 times as long."""
 
-MOST_DRAWN = 4
+MOST_DRAWN = 3
 """How often distances are drawn at random, where the longest ones lead to no placement (EMBED:
 Havel, Kuntz, Crippen 1983)."""
 
