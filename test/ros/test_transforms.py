@@ -16,7 +16,7 @@ from dg_localization.fleet.rotations import rotation_of_quaternion
 from dg_localization.fleet.vocabulary import OdometrySample as Pose
 from dg_localization.ros.interface.parameters.spec import WrongParameterError
 from dg_localization.ros.interface.poses import transforms
-from msg_adapters import Level, OdometrySample, adapter_for
+from msg_adapters import Level, OdometryReading, adapter_for
 from msg_adapters.headers import xyz_from_message, xyzw_from_message
 from msg_adapters.poses import Transform
 
@@ -200,7 +200,7 @@ def make_anchored_node(make_node, **parameters):
 def send_odometry(bench, x, y, stamp_s=None):
     """Send odometry of robot_1 whose axes are those of its body."""
     pose = np.array([x, y, 0.0]), yaw_xyzw(0.0), 'robot_1/odom', 'robot_1/base'
-    moved = OdometrySample(bench.now_s() if stamp_s is None else stamp_s, *pose)
+    moved = OdometryReading(bench.now_s() if stamp_s is None else stamp_s, *pose)
     to_message = adapter_for('nav_msgs/msg/Odometry').to_message
     bench.publisher(Odometry, '/robot_1/odom').publish(to_message(moved))
 
