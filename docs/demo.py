@@ -38,7 +38,7 @@ from dg_localization.calibration.answers import TruePlacement, true_placement
 from dg_localization.calibration.truth import TrueTrack
 from dg_localization.fleet import FixedFrame, FrameKind
 from dg_localization.fleet.rotations import rotation_of_quaternion
-from dg_localization.fleet.vocabulary import OdometryReading
+from dg_localization.fleet.vocabulary import OdometrySample
 from dg_localization.ros.domain import claim_domain
 from dg_localization.simulation.moving_fleet import EDGES, ROBOTS
 from msg_adapters.diagnostics import diagnostics_from_message
@@ -123,7 +123,7 @@ class Spectator(Node):
         self._poses: dict[float, Any] = {}
         self._boxes: dict[float, np.ndarray] = {}
         self._truths: list[Any] = []
-        self._odometry: dict[str, list[OdometryReading]] = {robot: [] for robot in ROBOTS}
+        self._odometry: dict[str, list[OdometrySample]] = {robot: [] for robot in ROBOTS}
         for topic, kind, take in (
             ('/simulate_fleet/ground_truth', PoseArray, self._take_truth),
             ('/localizer/feasible_poses', PoseArray, self._take_poses),
@@ -138,7 +138,7 @@ class Spectator(Node):
     def _take_odometry(self, robot: str, message: Odometry) -> None:
         read = odometry_from_message(message)
         turn = rotation_of_quaternion(np.array(read.orientation_xyzw)[None])[0]
-        reading = OdometryReading(read.stamp_s, np.array(read.position_xyz), turn)
+        reading = OdometrySample(read.stamp_s, np.array(read.position_xyz), turn)
         self._odometry[robot] = [*self._odometry[robot][-100:], reading]
 
     def _take_diagnostics(self, message: DiagnosticArray) -> None:
@@ -170,13 +170,13 @@ class Spectator(Node):
     def _compared(self, stamp_s: float, poses: Any, corners: np.ndarray) -> Iterator[Answer]:
         """Yield an answer beside the truth in its frame, once that is known."""
         robot, _, kind = poses.frame_id.partition('/')
-        frame, odometry = self._shape, [None]
+        frame, odometry = self._shape, list[OdometrySample | None]([None])
         if kind:
             is_odometry = kind == 'odom'
             frame = FixedFrame(FrameKind.ODOMETRY if is_odometry else FrameKind.HEADING, (robot,))
             before = [one for one in self._odometry[robot] if one.stamp_s <= stamp_s]
             # Which one was the last to reach the localizer before its answer is not told.
-            odometry = before[-3:] if is_odometry else [None]
+            odometry = [*before[-3:]] if is_odometry else [None]
         if frame is None:
             return
         stamps_s = [one.stamp_s for one in self._truths]

@@ -65,7 +65,7 @@ def record(path: Path) -> None:
             place_m += step_m * np.array([math.cos(along_rad), math.sin(along_rad)])
             heading_rad += turn_rad
             before_m, before_rad = now_m, now_rad
-            bag.add_odometry(robot, place_m, heading_rad, START_S + float(time_s))
+            bag.add_odometry(robot, place_m.tolist(), heading_rad, START_S + float(time_s))
     bag.write(path)
 
 
