@@ -230,12 +230,12 @@ class MeasurementStore:
         for row in rows:
             with self._counted(together) as refused:
                 target, reference, value = read_peer(row)
-                is_range = is_single(value) and not reference
-                others = LinkKind.RANGE_DIFFERENCE if reference else LinkKind.BEARING
-                key = LinkKey(LinkKind.RANGE if is_range else others, observer, target, reference)
+                kind = LinkKind.RANGE if is_single(value) else LinkKind.BEARING
+                kind = LinkKind.RANGE_DIFFERENCE if reference else kind
+                key = LinkKey(kind, observer, target, reference)
                 with self._counted(key, again=True):
                     self._admission.check_link(key)
-                    message = RangeMessage(value) if is_range else value
+                    message = RangeMessage(value) if kind is LinkKind.RANGE else value
                     self._take(key, message, stamp, now_s, bounds)
                 source.count_accepted(stamp, now_s)
             rejections += refused.values()

@@ -315,8 +315,8 @@ def _cut_difference(
     bent = _bent(norm, with_error(w[BALL] + row[ERROR_RADIUS], w[MAGNITUDE]))
     bent_reference = _bent(reference, with_error(ball, w[MAGNITUDE]))
     along, least, most = norm - reference, row[LEAST], row[MOST]
-    wide = along + reach + above + bent <= most + data
-    if wide and along - reach - below - bent_reference >= least - data:
+    never_above = along + reach + above + bent <= most + data
+    if never_above and along - reach - below - bent_reference >= least - data:
         return SETTLED
     if w[BALL] < norm and ball < reference:
         spread(smear, view, bodies, slopes)

@@ -4,9 +4,10 @@
 """
 How far away a body can be by differences of distances alone.
 
-Seen from a place o, at R in the direction u of a center that two beacons a and b are within e of,
-|o - b| - |o - a| is u.(a - b), up to e^2 / (2 (R - e)). From far away a difference depends on the
-direction alone, and where no direction agrees with all differences, nothing far away does.
+Let two beacons a and b be within e of a center, and o at the distance R from it, in the direction
+u. Then |o - b| - |o - a| differs from u.(a - b) by at most e^2 / (2 (R - e)): from far away, a
+difference depends on the direction alone. Where no direction agrees with all differences, no place
+far away does.
 """
 
 from __future__ import annotations

@@ -85,14 +85,9 @@ def fit_with_past(
     }
     finder = finder_of(snapshot, solved, plan)
     past = past_of(snapshot, solved, {*plan.held, *finder.turning, *yaws_rad})
-    if past is None and (snapshot.keys or plan.frame.kind is not FrameKind.ANCHORS):
-        return placement
     if past is None:
-        # Pose sets alone know these robots, and no pose of theirs is likelier than the middle.
-        low_m, high_m = placement.enclosure_m[:, 0], placement.enclosure_m[:, 1]
-        known, middle_m = np.isfinite(high_m - low_m), 0.5 * (low_m + high_m)
-        positions_m = np.where(known, middle_m, placement.positions_m)
-        return replace(placement, positions_m=positions_m, proved=False)
+        by_sets_alone = not snapshot.keys and plan.frame.kind is FrameKind.ANCHORS
+        return _in_the_middle(placement) if by_sets_alone else placement
     # The enclosure of a hypothesis may hold points of another one.
     among = None if plan in alone else _squared_bounds(solved.problem(), points, placement)
     if among and np.any(among[0] > among[1]):
@@ -124,6 +119,14 @@ def fit_with_past(
         fitted_yaws_rad=fitted_yaws_rad[:n_robots],
         misfits=tuple(sorted(_sentence(solved, one) for one in best.misfits)),
     )
+
+
+def _in_the_middle(placement: Placement) -> Placement:
+    """Return a placement in the middle of its pose sets: no other pose in these is likelier."""
+    low_m, high_m = placement.enclosure_m[:, 0], placement.enclosure_m[:, 1]
+    known, middle_m = np.isfinite(high_m - low_m), 0.5 * (low_m + high_m)
+    positions_m = np.where(known, middle_m, placement.positions_m)
+    return replace(placement, positions_m=positions_m, proved=False)
 
 
 def _sentence(solved: Constraints, misfit: Misfit) -> str:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from heapq import heappop, heappush
-from itertools import combinations
+from itertools import combinations, count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,23 +93,23 @@ def _cells_of_point(
     star_lower, star_upper = np.zeros_like(lower), np.full_like(upper, np.inf)
     star_lower[row], star_upper[row] = lower[row], upper[row]
     star_lower[:, row], star_upper[:, row] = lower[:, row], upper[:, row]
-    cells = [np.stack([region.lower[row], region.upper[row]])]
-    widest = [(-_width(cells[0]), 0)]
-    while widest and len(widest) < MOST_CELLS:
-        cell = cells[heappop(widest)[1]]
+    whole = np.stack([region.lower[row], region.upper[row]])
+    # The widest first; numbers tell apart those that are equally wide.
+    cells, numbers = [(-_width(whole), 0, whole)], count(1)
+    while 0 < len(cells) < MOST_CELLS:
+        *_, cell = heappop(cells)
         axis = int(np.argmax(cell[1] - cell[0]))
         middle = 0.5 * (cell[0, axis] + cell[1, axis])
         if not cell[0, axis] < middle < cell[1, axis]:
-            return np.array([*(cells[number] for _, number in widest), cell])
+            return np.array([*(one for *_, one in cells), cell])
         for side in (0, 1):
             low, high = np.array(region.lower), np.array(region.upper)
             low[row], high[row] = cell
             (high if side == 0 else low)[row, axis] = middle
             if contract_coordinate_boxes(low, high, star_lower, star_upper, SWEEPS):
                 half = np.stack([low[row], high[row]])
-                heappush(widest, (-_width(half), len(cells)))
-                cells.append(half)
-    return np.array([cells[number] for _, number in widest]).reshape(-1, 2, len(region.lower[0]))
+                heappush(cells, (-_width(half), next(numbers), half))
+    return np.array([one for *_, one in cells]).reshape(-1, 2, region.lower.shape[1])
 
 
 def _width(cell: FloatArray) -> float:

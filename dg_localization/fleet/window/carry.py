@@ -232,7 +232,7 @@ class CarriedWindow:
             rays = np.where(by_second[:, None], rays, others_rays)
             errors_rad = np.where(by_second, errors_rad, others_errors_rad)
         bodies = ((0, other), (1, poses))
-        places = [self._placed(seen, seen.points, *body) for body in bodies]
+        here, there = (self._placed(seen, seen.points, *body) for body in bodies)
         references = None
         if len(seen.differences):
             of_first, of_second = (self._placed(seen, seen.references, *body) for body in bodies)
@@ -241,8 +241,8 @@ class CarriedWindow:
                 np.where(by_second[:, None], of_first.upper, of_second.upper),
             )
         return PairReadings.of(
-            places[0],
-            places[1],
+            here,
+            there,
             Interval(seen.lower_m, seen.upper_m),
             rays,
             errors_rad,

@@ -31,13 +31,16 @@ STEPS = 30
 """In a memory: after one of these a set is replaced by the newer one that was made with it."""
 
 OVERLAP = 0.25
-"""Of the memory: readings that cut again what they have cut where the bodies were before."""
+"""
+Of the memory: readings that cut again what they have cut where the bodies were before. With a
+third, sets of MRCLAM are 2.235 m wide in place of 2.228.
+"""
 
 START = 1.0 / 9.0
 """Of the memory: the readings that a set starts from, which is to live for the rest of it."""
 
 MOST_CARRIED = 40
-"""Boxes of a set that is carried."""
+"""Boxes of a set that is carried. With 60, an answer of MRCLAM takes 125 ms in place of 119."""
 
 
 @dataclass(frozen=True)
