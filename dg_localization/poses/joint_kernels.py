@@ -29,6 +29,7 @@ from dg_localization.interval.rounding import (
     square_up,
     up,
 )
+from dg_localization.interval.simplex import LinearPrograms, find_multipliers, new_programs
 from dg_localization.poses.cuts import (
     A_ERROR,
     B_ERROR,
@@ -40,11 +41,6 @@ from dg_localization.poses.cuts import (
     B,
 )
 from dg_localization.poses.half_spaces import HIGH, LOW, X, Y, beyond_first_order, with_error
-from dg_localization.poses.linear_programs import (
-    LinearPrograms,
-    find_multipliers,
-    set_up_programs,
-)
 
 HEADING = 2
 """Column of a pose (x, y, heading)."""
@@ -54,6 +50,9 @@ POSSIBLE = -1
 
 _SHORTEST_M = 1e-9
 """Points nearer than this at the center of a box have no direction from one to the other."""
+
+TOLERANCE = 1e-6
+"""By which fraction of their widths functions may leave their bounds in a linear program."""
 
 LEAST_NARROWED = 0.05
 """A box is narrowed again while some unknown loses this share of its width."""
@@ -202,13 +201,34 @@ def _write_rows(
     return count, POSSIBLE
 
 
+@kernel
+def _programs_of(slopes: np.ndarray, bounds: np.ndarray, columns: np.ndarray) -> LinearPrograms:
+    """Return the linear programs of rows, and of some unknowns, each of them within -1 and 1."""
+    rows, n_unknowns = len(slopes), len(columns)
+    ends = np.full((6, rows + n_unknowns), n_unknowns)
+    values = np.zeros((6, rows + n_unknowns))
+    all_bounds = np.empty((rows + n_unknowns, 2))
+    all_bounds[:rows] = bounds
+    all_bounds[rows:, LOW], all_bounds[rows:, HIGH] = -1.0, 1.0
+    for row in range(rows):
+        slot = 0
+        for unknown in range(n_unknowns):
+            slope = slopes[row, columns[unknown]]
+            if slope != 0.0:
+                ends[slot, row], values[slot, row] = unknown, slope
+                slot += 1
+    for unknown in range(n_unknowns):
+        ends[0, rows + unknown], values[0, rows + unknown] = unknown, 1.0
+    return new_programs(ends, values, all_bounds, n_unknowns)
+
+
 @kernel(borrows=True)
 def _bound(
     programs: LinearPrograms, slopes: np.ndarray, bounds: np.ndarray, unknown: int, sign: float
 ) -> float:
     """Bound sign times a scaled unknown from above by the rows with these multipliers."""
     rows, unknowns = slopes.shape
-    multipliers, active = programs.multipliers, programs.active
+    active, multipliers = programs.active, programs.table[len(programs.active)]
     total, magnitude, used = 0.0, 1.0, 0
     for place in range(len(active)):
         row, factor = active[place], multipliers[place]
@@ -235,10 +255,11 @@ def _guilty(
 ) -> int:
     """Return the pair whose rows weigh most in a bound."""
     weights[:] = 0.0
+    multipliers = programs.table[len(programs.active)]
     for place in range(len(programs.active)):
         row = programs.active[place]
         if row < len(bounds):
-            weight = abs(programs.multipliers[place]) * (bounds[row, HIGH] - bounds[row, LOW])
+            weight = abs(multipliers[place]) * (bounds[row, HIGH] - bounds[row, LOW])
             weights[owners[row]] += weight
     return int(np.argmax(weights))
 
@@ -263,7 +284,7 @@ def _narrow_box(
             return POSSIBLE
         slopes, bounds = all_slopes[:count], all_bounds[:count]
         open_columns = np.flatnonzero(half.ravel() > 0.0)
-        programs = set_up_programs(slopes, bounds, open_columns)
+        programs = _programs_of(slopes, bounds, open_columns)
         weights = np.empty(len(pairs))
         narrowed = 0.0
         for column in range(len(open_columns)):
@@ -271,7 +292,8 @@ def _narrow_box(
             ends = np.ones(2)
             for end in range(2):
                 sign = 1.0 if end == HIGH else -1.0
-                find_multipliers(programs, column, sign)
+                programs.table[len(open_columns)] = sign * programs.table[column]
+                find_multipliers(programs, TOLERANCE)
                 ends[end] = min(1.0, _bound(programs, slopes, bounds, unknown, sign))
             if ends[HIGH] < -ends[LOW]:
                 return _guilty(programs, bounds, owners, weights)

@@ -6,9 +6,9 @@ Contraction of pairs by linear programs, in a frame at two points.
 
 In the frame of two points neither turns against the other: the square of their relative
 displacement is nearly known, and those of the pairs around them are small. With the multipliers of
-the linear program (`simplex`), what is left is close to the linearized hull. A frame costs as much
-as a pass over the whole box does, so this is a means of tightening, and a frame serves all pairs
-that share a point with it.
+the linear program (`simplex`), what is left is close to the linearized hull. A frame costs
+as much as a pass over the whole box does, so this is a means of tightening, and a frame serves all
+pairs that share a point with it.
 """
 
 from __future__ import annotations
@@ -16,6 +16,12 @@ from __future__ import annotations
 import numpy as np
 
 from dg_localization.interval.kernels import kernel
+from dg_localization.interval.simplex import (
+    LinearPrograms,
+    activate_well_known,
+    find_multipliers,
+    new_programs,
+)
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.contract.linearization import (
     Linearization,
@@ -33,7 +39,6 @@ from dg_localization.solver.contract.newton import (
     narrow_bounds,
     narrow_displacements,
 )
-from dg_localization.solver.contract.simplex import set_program_multipliers, set_table
 
 MOST_PROGRAM_STEPS = 4
 """Most Newton steps with multipliers of linear programs, after those of least squares."""
@@ -78,13 +83,12 @@ def contract_in_frame(
     relative = np.empty((len(edges), 2, dimension))
     if not narrow_displacements(box, linear, relative, MOST_STEPS):
         return False
-    table = np.eye(n_unknowns + 2, n_unknowns)
-    active = np.full(n_unknowns, -1)
-    if not set_table(linear, table, active):
+    programs = _programs_of(linear, n_unknowns)
+    if not activate_well_known(programs):
         return True
     target = np.zeros((n_points, dimension))
     for _ in range(MOST_PROGRAM_STEPS):
-        gain = _narrow_by_programs(linear, table, active, relative, errors)
+        gain = _narrow_by_programs(linear, programs, relative, errors)
         if gain < 0.0:
             return False
         set_residuals(box, linear, relative)
@@ -95,7 +99,7 @@ def contract_in_frame(
         for axis in range(dimension):
             target[i, axis] = 2.0 * (linear.reference[i, axis] - linear.reference[j, axis])
             target[j, axis] = -target[i, axis]
-        low, high, explained[p] = _bound_by_program(linear, table, active, target, errors)
+        low, high, explained[p] = _bound_by_program(linear, programs, target, errors)
         if not narrow_to_linear(box, linear, i, j, low, high):
             return False
         for axis in range(dimension):
@@ -105,12 +109,24 @@ def contract_in_frame(
 
 
 @kernel
+def _programs_of(linear: Linearization, n_unknowns: int) -> LinearPrograms:
+    """Return the linear programs of the measured pairs; they see every change of the residuals."""
+    n_edges, dimension = linear.gradients.shape
+    ends = np.full((2 * dimension, n_edges), n_unknowns)
+    slopes = np.empty((2 * dimension, n_edges))
+    for m in range(n_edges):
+        for axis in range(dimension):
+            for end in range(2):
+                unknown = linear.unknowns[linear.edges[m, end], axis]
+                if unknown >= 0:
+                    ends[2 * axis + end, m] = unknown
+                slopes[2 * axis + end, m] = (1.0 - 2.0 * end) * linear.gradients[m, axis]
+    return new_programs(ends, slopes, linear.residuals, n_unknowns)
+
+
+@kernel
 def _narrow_by_programs(
-    linear: Linearization,
-    table: FloatArray,
-    active: IntArray,
-    relative: FloatArray,
-    errors: FloatArray,
+    linear: Linearization, programs: LinearPrograms, relative: FloatArray, errors: FloatArray
 ) -> float:
     """Narrow the relative displacements of the measured pairs; return the gain, -1 when empty."""
     n_points, dimension = linear.reference.shape
@@ -120,7 +136,7 @@ def _narrow_by_programs(
         i, j = linear.edges[m, 0], linear.edges[m, 1]
         for axis in range(dimension):
             target[i, axis], target[j, axis] = 1.0, -1.0
-            low, high, _ = _bound_by_program(linear, table, active, target, errors)
+            low, high, _ = _bound_by_program(linear, programs, target, errors)
             target[i, axis], target[j, axis] = 0.0, 0.0
             gain = narrow_bounds(relative[m], axis, low, high)
             if gain < 0.0:
@@ -131,28 +147,27 @@ def _narrow_by_programs(
 
 @kernel
 def _bound_by_program(
-    linear: Linearization,
-    table: FloatArray,
-    active: IntArray,
-    target: FloatArray,
-    errors: FloatArray,
+    linear: Linearization, programs: LinearPrograms, target: FloatArray, errors: FloatArray
 ) -> tuple[float, float, float]:
     """Bound a linear function of the displacements; return its bounds, and what errors explain."""
-    n_rows = len(table)
+    n_unknowns = len(programs.active)
+    function = programs.table[n_unknowns]
     multipliers = np.empty(len(linear.edges))
     bounds = np.empty(2)
     explained = 0.0
     for end in range(2):
         sign = 1.0 if end == UPPER else -1.0
-        table[n_rows - 2] = 0.0
+        function[:] = 0.0
         for i in range(len(target)):
             for axis in range(target.shape[1]):
-                row = linear.unknowns[i, axis]
-                if row >= 0 and target[i, axis] != 0.0:
-                    table[n_rows - 2] += sign * target[i, axis] * table[row]
-        set_program_multipliers(linear, table, active, TOLERANCE, multipliers)
+                unknown = linear.unknowns[i, axis]
+                if unknown >= 0 and target[i, axis] != 0.0:
+                    function += sign * target[i, axis] * programs.table[unknown]
+        find_multipliers(programs, TOLERANCE)
+        multipliers[:] = 0.0
+        for c in range(n_unknowns):
+            multipliers[programs.active[c]] = sign * function[c]
         for m in range(len(multipliers)):
-            multipliers[m] *= sign
             explained += 0.5 * abs(multipliers[m]) * errors[m]
         bounds[end] = bound_linear_function(linear, multipliers, target)[end]
     return bounds[LOWER], bounds[UPPER], explained
