@@ -891,7 +891,7 @@ FLEET = [
     ),
     *_in(
         'fleet',
-        'frames/standing_frame',
+        'frames/odometry_frame',
         ('test/fleet/test_standing_frame.py',),
         (
             'a frame that was left is taken up again at once',

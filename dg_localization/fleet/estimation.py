@@ -19,7 +19,7 @@ from dg_localization.fleet.answers import (
     shared_time,
     would_fix,
 )
-from dg_localization.fleet.best_point.likely_pose import carried_on
+from dg_localization.fleet.best_point.stated_way import carried_on
 from dg_localization.fleet.constraints.constrain import Constraints, constrain
 from dg_localization.fleet.contradictions.conflicts import Explanation
 from dg_localization.fleet.contradictions.explanation import (

@@ -9,7 +9,7 @@ from dg_localization.fleet.window.forgetting import (
     CONFIRMING,
     Doubts,
 )
-from dg_localization.fleet.window.tables import WORLD
+from dg_localization.fleet.window.memory import WORLD
 
 PAIR = (WORLD, 0)
 MANY = np.arange(0.0, 100.0, 0.1)

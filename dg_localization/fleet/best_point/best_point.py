@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 from dg_localization.fleet.best_point.least_squares import Bodies, Fit, fit_terms
 from dg_localization.fleet.best_point.past import Misfit, Past
 from dg_localization.fleet.best_point.terms import LEAST_HALF_WIDTH, RAY, UNIFORM, Term, Terms
-from dg_localization.fleet.directions import best_rotation, unit_vectors
-from dg_localization.fleet.rotations import rotations_about_z
+from dg_localization.fleet.rotations import best_rotation, rotations_about_z, unit_vectors
 from dg_localization.interval.arrays import Interval
 from dg_localization.solver.place.proofs import agrees
 from dg_localization.solver.problem import Problem

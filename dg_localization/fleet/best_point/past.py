@@ -24,7 +24,7 @@ from dg_localization.fleet.best_point.least_squares import Fit, equations_at, re
 from dg_localization.fleet.best_point.stated_way import VARIANTS, StatedWay, directions, packed
 from dg_localization.fleet.best_point.terms import AT_ORIGIN, RANGE, RAY, STEP, TURN, Terms
 from dg_localization.fleet.constraints.constrain import Constraints
-from dg_localization.fleet.directions import best_rotation
+from dg_localization.fleet.rotations import best_rotation
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.window.memory import Ends
 

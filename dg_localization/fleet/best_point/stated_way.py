@@ -4,18 +4,22 @@
 """
 The way of a robot in the plane as its odometry states it: its bodies now and before.
 
-Plain floating point: it serves an estimate. What is proved comes from `fleet.odometry`.
+Plain floating point: it serves an estimate. What is proved comes from `fleet.odometry`. While
+nothing is measured of a robot, its likeliest pose is that of the last fit, carried by its
+odometry: a fit of what is left in the window would forget what the last one knew.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.best_point.terms import LEAST_HALF_WIDTH, STEP, TURN, Terms
+from dg_localization.fleet.best_point.terms import LEAST_HALF_WIDTH, STEP, TURN, UNIFORM, Terms
+from dg_localization.fleet.estimate import Placement
 from dg_localization.fleet.snapshot import Snapshot
 
 FloatArray = NDArray[np.float64]
@@ -29,6 +33,10 @@ VARIANTS = 5
 
 STEP_ERROR = 1e-3
 """Odometry is never as exact as its bounds may say, in m and in rad."""
+
+
+AXES = [0, 1, 5]
+"""The rows of x, y and yaw in a covariance of position and rotation."""
 
 
 class StatedWay:
@@ -184,3 +192,97 @@ def seen_from(origins: FloatArray, poses: FloatArray) -> FloatArray:
     dx, dy, turn = np.moveaxis(poses - origins, -1, 0)
     c, s = np.cos(origins[..., 2]), np.sin(origins[..., 2])
     return np.stack([c * dx + s * dy, c * dy - s * dx, turn], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class LikelyPose:
+    """
+    Where a robot in the plane was likely at a time, among the anchors.
+
+    Parameters
+    ----------
+    stamp_s : float
+    measured_s : float
+        The time of its newest observation.
+    pose : numpy.ndarray, shape (3,)
+        x, y and yaw.
+    covariance : numpy.ndarray, shape (3, 3)
+
+    """
+
+    stamp_s: float
+    measured_s: float
+    pose: FloatArray
+    covariance: FloatArray
+
+    def carried(self, snapshot: Snapshot, robot: str) -> LikelyPose | None:
+        """Return the pose at the time of a snapshot; None where odometry does not tell."""
+        track = snapshot.motion.odometry.get(robot)
+        if not track or track[0].stamp_s > self.stamp_s:
+            return None
+        way = StatedWay(snapshot, robot, self.stamp_s, 0)
+        (dx, dy, turn_rad), error_m, error_rad = way.whole()
+        x, y, yaw_rad = self.pose
+        c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+        dx, dy = c * dx - s * dy, s * dx + c * dy
+        change = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
+        # The errors of a step are the same all along at worst.
+        off_m2 = (error_m**2 + (error_rad * math.hypot(dx, dy)) ** 2) / UNIFORM
+        errors = np.diag([off_m2, off_m2, error_rad**2 / UNIFORM])
+        return LikelyPose(
+            snapshot.stamp_s,
+            self.measured_s,
+            np.array([x + dx, y + dy, yaw_rad + turn_rad]),
+            change @ self.covariance @ change.T + errors,
+        )
+
+
+def carried_on(
+    snapshot: Snapshot, placement: Placement, before: Mapping[str, LikelyPose]
+) -> tuple[Placement, dict[str, LikelyPose]]:
+    """
+    Return a placement among anchors, and the likely poses of its robots.
+
+    A robot that has not been measured since its last fit gets the pose of that fit, carried to
+    now by its odometry.
+    """
+    positions_m, covariances = placement.positions_m.copy(), placement.covariances
+    yaws_rad, poses = placement.fitted_yaws_rad, dict[str, LikelyPose]()
+    if covariances is None or yaws_rad is None:
+        return placement, poses
+    covariances, yaws_rad = covariances.copy(), yaws_rad.copy()
+    measured_s = _newest_observations_s(snapshot)
+    measured_now = {snapshot.config.robot_of(end) for key in snapshot.keys for end in key.ends}
+    for row, robot in enumerate(snapshot.config.robots):
+        newest_s, known = measured_s.get(robot, -math.inf), before.get(robot)
+        carried = None
+        if known is not None and robot not in measured_now and newest_s <= known.measured_s:
+            carried = known.carried(snapshot, robot)
+        among = np.ix_([row], AXES, AXES)
+        if carried is not None:
+            poses[robot] = carried
+            low_m, high_m = placement.enclosure_m[row]
+            positions_m[row] = np.clip(carried.pose[:2], low_m, high_m)
+            covariances[among], yaws_rad[row] = carried.covariance, carried.pose[2]
+        elif np.isfinite(covariances[among]).all() and np.isfinite(yaws_rad[row]):
+            pose = np.array([*positions_m[row], yaws_rad[row]])
+            stamp_s = snapshot.stamp_s
+            poses[robot] = LikelyPose(stamp_s, newest_s, pose, covariances[among][0])
+    moved = bool(np.any(positions_m != placement.positions_m))
+    placement = replace(
+        placement,
+        positions_m=positions_m,
+        covariances=covariances,
+        fitted_yaws_rad=yaws_rad,
+        proved=placement.proved and not moved,
+    )
+    return placement, poses
+
+
+def _newest_observations_s(snapshot: Snapshot) -> dict[str, float]:
+    """Return when each robot was last observed, or observed another."""
+    config, newest_s = snapshot.config, dict[str, float]()
+    for ends, seen in snapshot.window.observations.items():
+        for robot in map(config.robot_of, ends):
+            newest_s[robot] = max(newest_s.get(robot, -math.inf), seen[-1].stamp_s)
+    return newest_s

@@ -23,7 +23,6 @@ from dg_localization.fleet.constraints.distances import (
     share_on_robots,
     triangulate,
 )
-from dg_localization.fleet.constraints.graph import connected_to
 from dg_localization.fleet.constraints.rays import Angles, RayBundle, include_displacement
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey, RayReading
@@ -99,7 +98,13 @@ class Constraints:
 
     def component_of(self, point: int) -> tuple[int, ...]:
         """Return the points that bounded distances join to `point`, itself included, in order."""
-        return tuple(sorted(connected_to(np.isfinite(self.upper), point)))
+        reached, pending = {point}, [point]
+        while pending:
+            bounded = np.isfinite(self.upper[pending.pop()])
+            new = set(np.flatnonzero(bounded).tolist()) - reached
+            reached |= new
+            pending.extend(new)
+        return tuple(sorted(reached))
 
     def of(self, points: Sequence[int]) -> Constraints:
         """Return what is known of some of the points, renumbered in the order of the list."""

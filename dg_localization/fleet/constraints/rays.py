@@ -19,8 +19,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.directions import angles_rad
 from dg_localization.fleet.motion import Motion
+from dg_localization.fleet.rotations import angles_rad
 from dg_localization.fleet.vocabulary import RayReading
 from dg_localization.interval.angles import angle_up, arcsine_up, cosine
 from dg_localization.interval.arrays import Interval

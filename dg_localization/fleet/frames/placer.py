@@ -22,11 +22,11 @@ from dg_localization.fleet.best_point.best_point import BestPoint, BestPointFind
 from dg_localization.fleet.bodies import AnchorGeometry
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.estimate import FrameKind, Placement
-from dg_localization.fleet.frames.body_poses import BodyPoses
 from dg_localization.fleet.frames.enclosure import Encloser, MirrorImage, Placed
 from dg_localization.fleet.frames.finders import finder_of
 from dg_localization.fleet.frames.headings import (
     NO_TURN,
+    BodyPoses,
     Heading,
     NoHeadingError,
     estimate_heading,

@@ -13,8 +13,8 @@ import math
 from dg_localization.fleet.bodies import MAX_CORES
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.constraints.constrain import Constraints
-from dg_localization.fleet.directions import angles_rad
 from dg_localization.fleet.estimate import FixedFrame, FrameKind
+from dg_localization.fleet.rotations import angles_rad
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.interval.arrays import Interval
 

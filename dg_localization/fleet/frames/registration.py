@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet.constraints.constrain import Constraints
-from dg_localization.fleet.directions import best_rotation, unit_vectors
 from dg_localization.fleet.estimate import FrameKind
+from dg_localization.fleet.rotations import best_rotation, unit_vectors
 from dg_localization.interval.angles import chord_up, rotation_2d
 from dg_localization.interval.arrays import Interval, cross, normalized, rotate
 

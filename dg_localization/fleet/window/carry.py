@@ -22,13 +22,11 @@ from numpy.typing import NDArray
 
 from dg_localization.fleet.bodies import AnchorGeometry
 from dg_localization.fleet.config import FleetConfig
-from dg_localization.fleet.constraints.graph import components_of
 from dg_localization.fleet.motion import Motion, way_between
 from dg_localization.fleet.mounts import places_on_body
 from dg_localization.fleet.odometry import MotionLimits, OdometryPath
 from dg_localization.fleet.vocabulary import LinkKey
-from dg_localization.fleet.window.memory import Observation, Window
-from dg_localization.fleet.window.tables import WORLD, Pair, Row, Table
+from dg_localization.fleet.window.memory import WORLD, Observation, Pair, Row, Table, Window
 from dg_localization.interval.arrays import Interval
 from dg_localization.interval.bounds import sum_up
 from dg_localization.poses import Cover, PairReadings, PastPoses
@@ -140,18 +138,15 @@ class CarriedWindow:
         config = self._config
         robots = {name: robot for robot, name in enumerate(config.robots)}
         linked = [[robots.get(config.robot_of(end), WORLD) for end in key.ends] for key in keys]
-        joined = np.zeros((len(robots) + 1, len(robots) + 1), bool)
+        together = {body: body for body in (WORLD, *robots.values())}
         for first, second in [*linked, *(pair for pair in self.pairs if pair[0] == WORLD)]:
-            joined[first, second] = joined[second, first] = True
-        component_of = {
-            robot: number
-            for number, together in enumerate(components_of(joined))
-            for robot in together
-        }
+            old, new = together[first], together[second]
+            if old != new:
+                together = {body: new if one == old else one for body, one in together.items()}
         return tuple(
             (first, second)
             for first, second in self._pairs_of_robots(newest_s)
-            if component_of[first] != component_of[second]
+            if together[first] != together[second]
         )
 
     def span_s(self, pair: Pair, newest_s: float = math.inf) -> float:

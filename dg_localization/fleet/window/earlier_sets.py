@@ -20,11 +20,11 @@ import math
 
 import numpy as np
 
-from dg_localization.fleet.best_point.likely_pose import LikelyPose
+from dg_localization.fleet.best_point.stated_way import LikelyPose
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.window.forgetting import Doubts, Forgotten
-from dg_localization.fleet.window.tables import WORLD, Pair
+from dg_localization.fleet.window.memory import WORLD, Pair
 from dg_localization.poses import Cover, PairOptions, PairReadings, cover_poses
 
 STEPS = 30

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dg_localization.fleet.contradictions.suspects import Record
 from dg_localization.fleet.estimate import Estimate, FixedFrame, FrameKind, Placement
-from dg_localization.fleet.frames.standing_frame import StandingFrame
+from dg_localization.fleet.frames.odometry_frame import StandingFrame
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.window.earlier_sets import EarlierSets
 from dg_localization.fleet.window.forgetting import also_forgotten, left_out_until_s

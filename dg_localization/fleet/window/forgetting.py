@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.snapshot import Snapshot
-from dg_localization.fleet.window.memory import Ends, Spans
-from dg_localization.fleet.window.tables import WORLD, Pair
+from dg_localization.fleet.window.memory import WORLD, Ends, Pair, Spans
 
 LONGEST_DOUBT_S = 2.0
 """

@@ -17,7 +17,7 @@ from dg_localization.fleet.mounts import places_on_body
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.window.earlier_sets import EarlierSets
 from dg_localization.fleet.window.forgetting import Forgotten, ends_between
-from dg_localization.fleet.window.tables import WORLD, Pair
+from dg_localization.fleet.window.memory import WORLD, Pair
 from dg_localization.interval.arrays import Interval, squared_norm
 from dg_localization.interval.bounds import squared_distance
 from dg_localization.poses import (

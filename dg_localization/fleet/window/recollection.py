@@ -22,7 +22,7 @@ from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.fleet.window.carry import Tilt
 from dg_localization.fleet.window.earlier_sets import EarlierSets
 from dg_localization.fleet.window.forgetting import Forgotten, ends_between, without
-from dg_localization.fleet.window.memory import Ends
+from dg_localization.fleet.window.memory import WORLD, Ends, Pair
 from dg_localization.fleet.window.pose_sets import (
     NO_POSE_SETS,
     PoseSets,
@@ -35,7 +35,6 @@ from dg_localization.fleet.window.shape_headings import (
     narrow_in_space,
     within_bounds,
 )
-from dg_localization.fleet.window.tables import WORLD, Pair
 from dg_localization.poses import PairOptions, PairReadings
 from dg_localization.solver.options import Cancel
 

@@ -26,6 +26,7 @@ from dg_localization.fleet.rotations import (
     rotations_about_z,
 )
 from dg_localization.fleet.window.carry import Tilt
+from dg_localization.fleet.window.memory import WORLD, Pair
 from dg_localization.fleet.window.pose_sets import PoseSets, poses_within
 from dg_localization.fleet.window.proved import (
     PoseBounds,
@@ -33,7 +34,6 @@ from dg_localization.fleet.window.proved import (
     heading_arcs,
     intersect_arcs,
 )
-from dg_localization.fleet.window.tables import WORLD, Pair
 from dg_localization.interval.angles import angle_up
 from dg_localization.interval.arrays import Interval, squared_norm
 from dg_localization.poses import Cover, JointPoses, PairOptions, PairReadings, narrow_jointly
