@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-From a reading to bounds: ranges (REP-117 included) and rays.
+From a reading to bounds: ranges (REP-117 included) and rays; poses as they were reported.
 
 Bounds are rounded outward. The reading itself counts as an exact number.
 """
@@ -15,6 +15,7 @@ from typing import Any, SupportsFloat, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.fleet.rotations import rotation_of_quaternion
 from dg_localization.fleet.sensors import Mount, RangeErrorModel
 from dg_localization.fleet.vocabulary import RangeMessage, RefusedError, RejectionReason
@@ -274,3 +275,38 @@ def projected_half_width_rad(ray_xyz: ArrayLike, half_width_rad: float) -> float
         return math.pi
     ratio = quotient_up(angle_up(math.sin(half_width_rad)), horizontal)
     return arcsine_up(ratio) if ratio < 1.0 else math.pi
+
+
+def interpret_pose(
+    position_xyz: ArrayLike, orientation_xyzw: ArrayLike, error: OdometryErrorModel
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """
+    Return a position as it was reported, where it is on the track, and the rotation.
+
+    They are new arrays: they are kept, and the caller may use its own again.
+    """
+    position, quaternion = real_numbers(position_xyz), real_numbers(orientation_xyzw)
+    if position is not None and quaternion is not None:
+        scaled = error.scaled(position)
+        if _is_pose(scaled, quaternion):
+            rotation = rotation_of_quaternion(quaternion / math.sqrt(quaternion @ quaternion))
+            return position, scaled, rotation
+    text = (
+        f'position {_written(position, position_xyz)}, orientation '
+        f'{_written(quaternion, orientation_xyzw)}: it must be three finite numbers and a '
+        'unit quaternion'
+    )
+    raise RefusedError(RejectionReason.INVALID_ODOMETRY, text)
+
+
+def _is_pose(position: np.ndarray, quaternion: np.ndarray) -> bool:
+    """Return whether numbers are a position and a unit quaternion."""
+    if position.shape != (3,) or quaternion.shape != (4,):
+        return False
+    values_ok = all(map(math.isfinite, (*position.tolist(), *quaternion.tolist())))
+    return values_ok and abs(math.hypot(*quaternion.tolist()) - 1.0) < 0.01
+
+
+def _written(numbers: np.ndarray | None, given: ArrayLike) -> str:
+    """Return what was given in place of a position or an orientation, for a message."""
+    return quoted(given if numbers is None else numbers.tolist())

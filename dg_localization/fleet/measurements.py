@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from bisect import bisect_right, insort
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 import math
@@ -21,14 +21,7 @@ from operator import attrgetter
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dg_localization.fleet.admission import (
-    MOST_BEFORE_S,
-    Admission,
-    PeerMeasurement,
-    is_young,
-    read_peer,
-    rows_of_peers,
-)
+from dg_localization.fleet.admission import MOST_BEFORE_S, Admission, is_young
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.contradictions.stuck import FrozenWatch, StuckWatch
 from dg_localization.fleet.elevations import Elevations
@@ -37,22 +30,14 @@ from dg_localization.fleet.error_models import (
     in_body_frame,
     interpret_range,
     interpret_ray,
-    is_single,
     leaves_plane,
     likeliest_distance_m,
     projected_half_width_rad,
     quoted,
-    real_numbers,
     required_number,
 )
 from dg_localization.fleet.motion import OdometryTrack
-from dg_localization.fleet.rotations import rotation_of_quaternion
-from dg_localization.fleet.sensors import (
-    DifferenceErrorModel,
-    ElevationErrorModel,
-    RangeErrorModel,
-    SensorBounds,
-)
+from dg_localization.fleet.sensors import DifferenceErrorModel, RangeErrorModel, SensorBounds
 from dg_localization.fleet.vocabulary import (
     DistanceReading,
     InputState,
@@ -130,8 +115,11 @@ class MeasurementStore:
     """
 
     def __init__(self, config: FleetConfig) -> None:
-        self._config = self._clock_config = config
-        self._admission = Admission(config)
+        self._forget_all(config)
+
+    def _forget_all(self, config: FleetConfig) -> None:
+        """Begin with no measurements."""
+        self._set_limits(config)
         self._inputs: dict[LinkKey, _Input] = {}
         self._tracks: dict[str, OdometryTrack] = {}
         self._stuck = StuckWatch(config)
@@ -139,107 +127,10 @@ class MeasurementStore:
         self._elevations = Elevations(config)
         self.memory = Memory(config)
 
-    def configure(self, config: FleetConfig) -> None:
+    def _set_limits(self, config: FleetConfig) -> None:
         """Take over settings that change nothing of what was measured."""
         self._config = self._clock_config = config
         self._admission = Admission(config)
-
-    def add(
-        self,
-        key: LinkKey,
-        value: RangeMessage | ArrayLike,
-        stamp_s: float,
-        now_s: float,
-        bounds: SensorBounds,
-    ) -> Rejection | None:
-        """Accept a range, a ray or a range difference, or return why not."""
-        with self._counted(key) as refused:
-            self._admission.check_link(key)
-            stamp = self._admission.checked_stamp(stamp_s, now_s)
-            self._take(key, value, stamp, now_s, bounds)
-        return refused.get(key)
-
-    def add_odometry(
-        self,
-        key: LinkKey,
-        position_xyz: ArrayLike,
-        orientation_xyzw: ArrayLike,
-        stamp_s: float,
-        now_s: float,
-        frame: str,
-    ) -> Rejection | None:
-        """Accept an odometry pose, or return why not."""
-        with self._counted(key) as refused:
-            self._admission.check_robot(key.observer)
-            stamp = self._admission.checked_stamp(stamp_s, now_s)
-            reading = self._odometry_reading(key, position_xyz, orientation_xyzw, stamp, frame)
-            self._track(key.observer).append(reading)
-            self._input(key).count_accepted(stamp, now_s)
-        return refused.get(key)
-
-    def add_elevation(
-        self,
-        key: LinkKey,
-        elevation_m: float,
-        stamp_s: float,
-        now_s: float,
-        error: ElevationErrorModel,
-    ) -> Rejection | None:
-        """Accept an elevation, or return why not."""
-        with self._counted(key) as refused:
-            self._admission.check_elevated(key.observer)
-            stamp = self._admission.checked_stamp(stamp_s, now_s)
-            reading_m, text = finite_number(elevation_m), ''
-            if reading_m is None:
-                text = (
-                    f'{quoted(elevation_m)} is not allowed, it must be a finite number of meters'
-                )
-            elif known_m := self._elevations.add(key.observer, reading_m, error, stamp, now_s):
-                text = (
-                    f'{reading_m} m contradicts what is known: {known_m[0]:.3f} to '
-                    f'{known_m[1]:.3f} m; no reading before it counts either'
-                )
-            if text:
-                raise RefusedError(RejectionReason.INVALID_ELEVATION, f'elevation {text}')
-            self._input(key).count_accepted(stamp, now_s)
-        return refused.get(key)
-
-    def add_peers(
-        self,
-        observer: str,
-        readings: Iterable[PeerMeasurement],
-        stamp_s: float,
-        now_s: float,
-        bounds: SensorBounds,
-    ) -> list[Rejection]:
-        """Accept all that one robot measured at one time; return why not."""
-        together = LinkKey(LinkKind.PEERS, observer, '')
-        rows: list[PeerMeasurement] = []
-        rejections: list[Rejection] = []
-        with self._counted(together) as refused:
-            self._admission.check_names(observer)
-            stamp = self._admission.checked_stamp(stamp_s, now_s)
-            for row in rows_of_peers(readings):
-                rows.append(row)
-            # A robot that measures nobody still delivers.
-        rejections += refused.values()
-        if refused and not rows:
-            return rejections
-        source = self._input(together)
-        source.newest_stamp_s = max(source.newest_stamp_s, stamp)
-        for row in rows:
-            with self._counted(together) as refused:
-                target, reference, value = read_peer(row)
-                kind = LinkKind.RANGE if is_single(value) else LinkKind.BEARING
-                kind = LinkKind.RANGE_DIFFERENCE if reference else kind
-                key = LinkKey(kind, observer, target, reference)
-                with self._counted(key, again=True):
-                    self._admission.check_link(key)
-                    message = RangeMessage(value) if kind is LinkKind.RANGE else value
-                    self._take(key, message, stamp, now_s, bounds)
-                source.count_accepted(stamp, now_s)
-            rejections += refused.values()
-        return rejections
 
     def _take(
         self,
@@ -319,32 +210,6 @@ class MeasurementStore:
             half_width_rad = projected_half_width_rad(body_ray, half_width_rad)
         expected_rad = bounds.bearing_expected_error_rad
         return RayReading(key, stamp_s, direction, half_width_rad, expected_rad)
-
-    def _odometry_reading(
-        self,
-        key: LinkKey,
-        position_xyz: ArrayLike,
-        orientation_xyzw: ArrayLike,
-        stamp_s: float,
-        frame: str,
-    ) -> OdometrySample:
-        """Return a pose in new arrays: it is kept, and the caller may use its own again."""
-        position, quaternion = real_numbers(position_xyz), real_numbers(orientation_xyzw)
-        error = self._config.odometry_error_of(key.observer)
-        scaled = None if position is None else error.scaled(position)
-        if scaled is None or quaternion is None or not is_pose(scaled, quaternion):
-            text = (
-                f'position {_written(position, position_xyz)}, orientation '
-                f'{_written(quaternion, orientation_xyzw)}: it must be three finite numbers and a '
-                'unit quaternion'
-            )
-            raise RefusedError(RejectionReason.INVALID_ODOMETRY, text)
-        newest_s = self._input(key).newest_stamp_s
-        if stamp_s <= newest_s:
-            text = f'stamp {stamp_s} s is not newer than the odometry before it, {newest_s} s'
-            raise RefusedError(RejectionReason.TOO_OLD, text)
-        rotation = rotation_of_quaternion(quaternion / math.sqrt(quaternion @ quaternion))
-        return OdometrySample(stamp_s, scaled, rotation, frame, reported_m=position)
 
     @contextmanager
     def _counted(self, key: LinkKey, *, again: bool = False) -> Iterator[dict[LinkKey, Rejection]]:
@@ -503,16 +368,3 @@ def _listed(keys: Sequence[LinkKey]) -> str:
     """Return the names of inputs, and how many more there are."""
     more = f' and {len(keys) - LISTED} more' if len(keys) > LISTED else ''
     return ', '.join(str(key) for key in keys[:LISTED]) + more
-
-
-def is_pose(position: np.ndarray, quaternion: np.ndarray) -> bool:
-    """Return whether numbers are a position and a unit quaternion."""
-    if position.shape != (3,) or quaternion.shape != (4,):
-        return False
-    values_ok = all(map(math.isfinite, (*position.tolist(), *quaternion.tolist())))
-    return values_ok and abs(math.hypot(*quaternion.tolist()) - 1.0) < 0.01
-
-
-def _written(numbers: np.ndarray | None, given: ArrayLike) -> str:
-    """Return what was given in place of a position or an orientation, for a message."""
-    return quoted(given if numbers is None else numbers.tolist())

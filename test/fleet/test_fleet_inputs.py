@@ -215,7 +215,7 @@ def test_readings_after_the_time_of_the_answer_do_not_push_out_those_before(peri
         if step > 20:
             (found,) = localizer.snapshot(localizer.answer_time(now_s)).links
             assert not found.stale
-    assert len(localizer._store.young_readings(now_s)[found.key]) <= localizer.config.max_repeats
+    assert len(localizer.young_readings(now_s)[found.key]) <= localizer.config.max_repeats
 
 
 def test_a_link_goes_stale_and_comes_back(localizer):

@@ -188,9 +188,9 @@ def fit(
     if not (learned.judged or learned.odometry):
         raise BagError(
             "no reading has a ground truth at its time: check 'stamp_source', and the names. "
-            + apart_text(truth.stamps_s(), gatherer.samples.stamps_s(), 'the readings')
+            + apart_text(truth.stamps_s(), gatherer.stamps_s(), 'the readings')
         )
-    unknown = sum(map(len, gatherer.samples.readings.values()))
+    unknown = sum(map(len, gatherer.readings.values()))
     if unknown := unknown - sum(len(one.errors) for one in stated.values()):
         learned.notes.append(
             f'{unknown} readings have no ground truth, of places or headings, at their time.'
@@ -201,13 +201,13 @@ def fit(
             f'The bounds leave {excluded} readings out. window_outliers: 1 lets one of each pair '
             'in memory.seconds be wrong, max_outliers: 1 one of a moment.'
         )
-    learned.notes += broken_bounds(fleet, gatherer.samples.stated, stated)
+    learned.notes += broken_bounds(fleet, gatherer.stated, stated)
     return learned
 
 
 def _stated(gatherer: Gatherer, kind: LinkKind, pair: Pair) -> SensorBounds:
     """Return the bounds that readings of a group came with; of several, the widest."""
-    of_group = gatherer.samples.stated.get(LinkKey(kind, *pair), {gatherer.config.sensor_bounds})
+    of_group = gatherer.stated.get(LinkKey(kind, *pair), {gatherer.config.sensor_bounds})
     if kind is LinkKind.BEARING:
         return max(of_group, key=attrgetter('bearing_half_width_rad'))
     return max(of_group, key=lambda one: one.range_error.max_error_m - one.range_error.min_error_m)
@@ -334,9 +334,9 @@ def _limits_without_truth(gatherer: Gatherer) -> Iterator[str]:
     """Yield what a recording without truth cannot tell."""
     yield 'Without a ground truth only the scatter of the readings is seen, not a bias of a pair.'
     yield 'Without --truth the bounds are those that you stated, or as wide as the scatter.'
-    if any(key.kind is LinkKind.BEARING for key in gatherer.samples.readings):
+    if any(key.kind is LinkKind.BEARING for key in gatherer.readings):
         yield 'A camera that is mounted askew has a bias, too: half widths are not narrowed.'
-    if gatherer.samples.odometry:
+    if gatherer.odometry:
         yield 'Without a ground truth scale and bounds of odometry cannot be learned.'
 
 

@@ -34,8 +34,8 @@ def fit_all_odometry(
     fleet, notes = gatherer.config, list[str]()
     of_robots: dict[str, dict[str, float]] = {}
     found: dict[str, OdometryWindows] = {}
-    for robot in filter(tracks.__contains__, sorted(gatherer.samples.odometry)):
-        pieces = gatherer.samples.odometry[robot]
+    for robot in filter(tracks.__contains__, sorted(gatherer.odometry)):
+        pieces = gatherer.odometry[robot]
         windows = _windows_of(pieces, tracks[robot], fleet, fleet.is_upright(robot))
         if len(pieces) > 1:
             notes.append(f'Odometry of {robot} started anew {len(pieces) - 1} times.')

@@ -23,16 +23,15 @@ from dg_localization.fleet import (
     SensorBounds,
 )
 from dg_localization.fleet.error_models import in_body_frame, interpret_ray
-from dg_localization.fleet.measurements import MeasurementStore
 
 FloatArray: TypeAlias = NDArray[np.float64]
 OdometryPiece: TypeAlias = list[tuple[float, Any, Any]]
 """Stamps in s, positions and quaternions, each newer than the one before."""
 
 
-class Samples(MeasurementStore):
+class Gatherer(Localizer):
     """
-    Keeps what is accepted of a recording.
+    A localizer that keeps all that it accepts of a recording, and is never asked to localize.
 
     What the node would reject is nothing to learn from: its bounds are for what it takes.
 
@@ -60,14 +59,14 @@ class Samples(MeasurementStore):
         return found + [row[0] for piece in pieces for row in piece]
 
     def add_odometry(
-        self, key: LinkKey, position_xyz: Any, orientation_xyzw: Any, stamp_s: float, *args: Any
+        self, robot: str, position_xyz: Any, orientation_xyzw: Any, stamp_s: float, *args: Any
     ) -> Rejection | None:
         """Keep a pose that is accepted, as it was reported."""
-        rejection = super().add_odometry(key, position_xyz, orientation_xyzw, stamp_s, *args)
+        rejection = super().add_odometry(robot, position_xyz, orientation_xyzw, stamp_s, *args)
         if rejection is None:
             turn = np.asarray(orientation_xyzw, dtype=float)
-            pieces = self.odometry[key.observer]
-            if not pieces or self.odometry_restarted_s(key.observer) > pieces[-1][-1][0]:
+            pieces = self.odometry[robot]
+            if not pieces or self.odometry_restarted_s(robot) > pieces[-1][-1][0]:
                 pieces.append([])
             place_m = np.array(position_xyz, dtype=float)
             pieces[-1].append((stamp_s, place_m, turn / np.linalg.norm(turn)))
@@ -89,21 +88,6 @@ class Samples(MeasurementStore):
         # Infinity is accepted where it proves that the target is far; it has no error.
         elif math.isfinite(value.range_m):
             self.readings[key].append((stamp_s, value.range_m))
-
-
-class Gatherer(Localizer):
-    """
-    A localizer that keeps all that it accepts, and is never asked to localize.
-
-    Attributes
-    ----------
-    samples : Samples
-
-    """
-
-    def __init__(self, config: FleetConfig) -> None:
-        super().__init__(config)
-        self._store = self.samples = Samples(config)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +126,7 @@ def errors_of(
     in space is not known of rays. The offsets are added to the stamps first.
     """
     dimension, found = gatherer.config.dimension, {}
-    for key, rows in gatherer.samples.readings.items():
+    for key, rows in gatherer.readings.items():
         is_range = key.kind is LinkKind.RANGE
         order = sorted(rows, key=lambda row: row[0])
         stamps_s, read = (np.array(column) for column in zip(*order, strict=True))
