@@ -327,7 +327,10 @@ CONTRACT = [
 ]
 
 BOX = ('test/solver/test_box.py',)
-SEARCH = ('test/solver/test_branch_and_prune.py',)
+SEARCH = (
+    'test/solver/test_result.py::test_what_stops_a_search_leaves_a_complete_cover',
+    'test/solver/test_clock_without_numba.py',
+)
 
 SEARCHING = [
     *_in(
@@ -415,7 +418,7 @@ SEARCHING = [
     *_in(
         'solver',
         'search/tightening',
-        ('test/solver/test_tightening.py',),
+        ('test/solver/test_fleet.py',),
         (
             'a box is tightened when its time is over',
             'if stopped():\n        return box',
@@ -837,7 +840,7 @@ FLEET = [
     *_in(
         'fleet',
         'frames/headings',
-        ('test/fleet/test_headings.py',),
+        SOUND,
         (
             'the half width of a heading leaves out one side',
             'half_width_rad = angle_up(max(yaw - low, high - yaw))',

@@ -6,9 +6,19 @@
 import os
 
 import numpy as np
-from solver_cases import Case, covers, known_orientations, orientation, squared_distances
+from solver_cases import (
+    RESOLUTIONS,
+    Case,
+    bounds_around,
+    covers,
+    drawn_options,
+    known_orientations,
+    orientation,
+    squared_distances,
+    symmetric,
+)
 
-from dg_localization import Problem, SolverOptions
+from dg_localization import Problem, SolverOptions, Verdict
 from dg_localization.solver.assemble.answer import solve_in_pieces
 from dg_localization.solver.decompose.decomposition import Decomposition
 from dg_localization.solver.search.budget import Budget
@@ -17,6 +27,25 @@ PROBLEMS = int(os.environ.get('DG_PROPERTY_PROBLEMS', '5000'))
 COUNTS = [0, 0, 0, 1, 3]
 """How many sides, and how many chiralities, are known."""
 FIRST_SEED = int(os.environ.get('DG_PROPERTY_SEED', '0'))
+
+
+def chunks(n_problems, size):
+    """Return ranges of so many successive seeds."""
+    end = FIRST_SEED + n_problems
+    return [range(seed, min(seed + size, end)) for seed in range(FIRST_SEED, end, size)]
+
+
+def first_and_last(seeds):
+    return f'{seeds[0]}-{seeds[-1]}'
+
+
+def check_counts(result):
+    """Assert that the numbers of boxes of an answer add up."""
+    done = result.statistics
+    boxes = sum(len(h.boxes) for piece in result.pieces for h in piece.hypotheses)
+    assert done.processed == done.empty + done.split + done.kept
+    assert done.kept + done.pending == boxes and done.empty >= 0
+    assert (result.verdict is Verdict.OUT_OF_BUDGET) == (done.pending > 0)
 
 
 def solve_as_one(problem, options=None, cancel=None, progress=None, within=None):
@@ -37,12 +66,8 @@ def joined_case(seed, max_points=9):
     squared = squared_distances(positions)
     sides, chiralities = known_orientations(rng, positions.tolist(), COUNTS, bodies)
     lower, upper = _bounds(rng, squared, measured)
-    size = max(float(np.sqrt(squared.max())), 1e-12)
-    options = SolverOptions(
-        resolution=size * float(rng.choice([1e-6, 1e-3, 1e-2, 0.1])),
-        max_boxes=int(rng.choice([2, 10, 40, 100])),
-        tighten_seconds=float(rng.choice([0.0, 0.0, 0.0, 0.0, np.inf])),
-    )
+    seconds = [0.0, 0.0, 0.0, 0.0, np.inf]
+    options = drawn_options(rng, squared, RESOLUTIONS, [2, 10, 40, 100], seconds)
     return Case(Problem(lower, upper, dimension, sides, chiralities), options, positions)
 
 
@@ -55,12 +80,8 @@ def grown_case(seed, max_points=12):
     squared = squared_distances(positions)
     sides, chiralities = known_orientations(rng, positions.tolist(), COUNTS, [body])
     lower, upper = _bounds(rng, squared, measured | measured.T)
-    size = max(float(np.sqrt(squared.max())), 1e-12)
-    options = SolverOptions(
-        resolution=size * float(rng.choice([1e-6, 1e-2, 0.1])),
-        max_boxes=int(rng.choice([2, 10, 20])),
-        tighten_seconds=float(rng.choice([0.0, 0.0, 0.0, np.inf])),
-    )
+    seconds = [0.0, 0.0, 0.0, np.inf]
+    options = drawn_options(rng, squared, [1e-6, 1e-2, 0.1], [2, 10, 20], seconds)
     return Case(Problem(lower, upper, 3, sides, chiralities), options, positions)
 
 
@@ -116,18 +137,8 @@ def _measured_pairs(rng, n_points, bodies):
 
 def _bounds(rng, squared, measured):
     """Return bounds around squared distances; of some pairs only that they are not shorter."""
-
-    def symmetric(values):
-        upper = np.triu(values, 1)
-        return upper + upper.T
-
-    width = rng.choice([0, 1e-15, 1e-12, 1e-6, 1e-3, 0.01, 0.1, 0.3], size=squared.shape)
-    if rng.random() < 0.7:
-        width[:] = width[0, 0]
-    width, below = symmetric(width), symmetric(rng.random(squared.shape))
-    # Rounding is monotone: neither product crosses the squared distance.
-    lower = squared * (1.0 - width * below)
-    upper = squared * (1.0 + width * (1.0 - below))
+    widths = [0, 1e-15, 1e-12, 1e-6, 1e-3, 0.01, 0.1, 0.3]
+    lower, upper = bounds_around(rng, squared, widths, alike=0.7)
     apart = symmetric(rng.random(squared.shape) < rng.choice([0.0, 0.0, 0.0, 0.2, 1.0]))
     least = squared * rng.choice([0.1, 0.9, 1.0])
     unknown = ~measured & ~np.eye(len(squared), dtype=bool)

@@ -78,6 +78,7 @@ class Case:
         return solve(self.problem, self.options)
 
 
+RESOLUTIONS = [1e-6, 1e-3, 1e-2, 0.1]
 LARGE_EVERY = 200
 """One in so many problems has more points than a first sweep projects."""
 
@@ -95,12 +96,8 @@ def random_case(seed, max_points=9):
     positions = positions * 2.0 ** rng.choice([0, 0, 0, 3, -40, 40])
     squared = squared_distances(positions)
     problem = Problem(*_ranges(rng, squared), dimension, sides, chiralities)
-    size = max(float(np.sqrt(squared.max())), 1e-12)
-    options = SolverOptions(
-        resolution=size * float(rng.choice([1e-6, 1e-3, 1e-2, 0.1])),
-        max_boxes=int(rng.choice([1, 2, 5, 10, 10, 25])),
-        tighten_seconds=float(rng.choice([0.0, 0.0, 0.0, np.inf, np.inf])),
-    )
+    boxes, seconds = [1, 2, 5, 10, 10, 25], [0.0, 0.0, 0.0, np.inf, np.inf]
+    options = drawn_options(rng, squared, RESOLUTIONS, boxes, seconds)
     return Case(problem, options, positions)
 
 
@@ -147,21 +144,35 @@ def known_orientations(rng, positions, counts, bodies=()):
     return sides, chiralities
 
 
-def _ranges(rng, squared):
-    """Return bounds around squared distances: off centre, 0 to 10 % wide, some pairs unknown."""
+def symmetric(values):
+    upper = np.triu(values, 1)
+    return upper + upper.T
 
-    def symmetric(values):
-        upper = np.triu(values, 1)
-        return upper + upper.T
 
-    width = rng.choice([0, 1e-15, 1e-12, 1e-6, 1e-3, 0.01, 0.03, 0.1], size=squared.shape)
-    if rng.random() < 0.5:
+def bounds_around(rng, squared, widths, alike):
+    """Return bounds around squared distances, off centre; `alike` is how often all are as wide."""
+    width = rng.choice(widths, size=squared.shape)
+    if rng.random() < alike:
         width[:] = width[0, 0]
-    width = symmetric(width)
-    below = symmetric(rng.random(squared.shape))
+    width, below = symmetric(width), symmetric(rng.random(squared.shape))
     # Rounding is monotone: neither product crosses the squared distance.
-    lower = squared * (1.0 - width * below)
-    upper = squared * (1.0 + width * (1.0 - below))
+    return squared * (1.0 - width * below), squared * (1.0 + width * (1.0 - below))
+
+
+def drawn_options(rng, squared, resolutions, max_boxes, tighten_seconds):
+    """Draw how to solve a problem; resolutions are parts of its size."""
+    size = max(float(np.sqrt(squared.max())), 1e-12)
+    return SolverOptions(
+        resolution=size * float(rng.choice(resolutions)),
+        max_boxes=int(rng.choice(max_boxes)),
+        tighten_seconds=float(rng.choice(tighten_seconds)),
+    )
+
+
+def _ranges(rng, squared):
+    """Return bounds around squared distances: 0 to 10 % wide, some pairs unknown."""
+    widths = [0, 1e-15, 1e-12, 1e-6, 1e-3, 0.01, 0.03, 0.1]
+    lower, upper = bounds_around(rng, squared, widths, alike=0.5)
     missing = symmetric(rng.random(squared.shape) < rng.choice([0, 0.2, 0.4, 0.7]))
     return np.where(missing, 0.0, lower), np.where(missing, np.inf, upper)
 

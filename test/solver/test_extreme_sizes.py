@@ -39,3 +39,4 @@ def test_no_truth_is_lost(exponent):
         for hypothesis in result.hypotheses:
             assert not np.isnan(hypothesis.boxes).any(), seed
             assert np.isfinite(hypothesis.positions).all(), seed
+            assert (hypothesis.upper <= case.problem.upper).all(), seed

@@ -4,12 +4,11 @@
 """The paper's fleet (Section 5.1) against the paper and against its exact hulls."""
 
 from joined_cases import solve_as_one
+import numpy as np
 import pytest
 from solver_cases import covers
 
-from dg_localization import Verdict, solve
-
-# Figure 9, D2: the pairs that only the triangle inequalities bound.
+from dg_localization import SolverOptions, Verdict, solve
 
 
 def holds_hull(hypothesis, hull):
@@ -61,3 +60,22 @@ def test_noise_adds_no_hypothesis(paper_fleet, relative_error, n_sides, n_hypoth
     for solution in paper_fleet.solutions:
         if solution['in_D3'] or not sides:
             assert covers(result, paper_fleet.squared(solution))
+
+
+def test_without_sides_every_hypothesis_is_tightened_to_its_exact_hull(paper_fleet):
+    result = solve(paper_fleet.problem(), SolverOptions(tighten_seconds=np.inf))
+    assert len(result.hypotheses) == len(paper_fleet.exact_hulls)
+    for hull in paper_fleet.exact_hulls:
+        (found,) = (found for found in result.hypotheses if holds_hull(found, hull))
+        for pair, (low, high) in hull.items():
+            assert found.upper[pair] - found.lower[pair] < 1.02 * (high - low), pair
+
+
+def test_no_box_is_tightened_when_its_time_is_over(paper_fleet):
+    problem = paper_fleet.noisy_problem(0.03, paper_fleet.SIDES)
+    wide, late, tight = (
+        solve(problem, SolverOptions(tighten_seconds=seconds)) for seconds in (0.0, 1e-9, np.inf)
+    )
+    assert late.verdict is wide.verdict
+    assert (late.lower == wide.lower).all() and (late.upper == wide.upper).all()
+    assert (tight.upper < wide.upper).any()

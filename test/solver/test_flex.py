@@ -3,9 +3,7 @@
 
 """A curve of placements next to isolated ones (the paper's Figure 7)."""
 
-from flex import (
-    linkage,
-)
+from flex import linkage
 import numpy as np
 import pytest
 from solver_cases import bounds, covers, squared_distances

@@ -7,33 +7,28 @@ The promise of answers in pieces: nothing is lost where fleets are hinged, folde
 DG_PROPERTY_PROBLEMS sets how many random fleets are tried and DG_PROPERTY_SEED the first one.
 """
 
-from joined_cases import FIRST_SEED, PROBLEMS, joined_case, missing, solve_as_one
+from joined_cases import (
+    PROBLEMS,
+    check_counts,
+    chunks,
+    first_and_last,
+    grown_case,
+    joined_case,
+    missing,
+    solve_as_one,
+)
 import numpy as np
 import pytest
 from solver_cases import squared_distances
 
 from dg_localization import Problem, SolverOptions, Verdict, solve
-
-CHUNK = 250
-END = FIRST_SEED + PROBLEMS
-CHUNKS = [range(seed, min(seed + CHUNK, END)) for seed in range(FIRST_SEED, END, CHUNK)]
-
-DIFFERENTIAL_PROBLEMS = max(1, PROBLEMS // 10)
-DIFFERENTIAL_END = FIRST_SEED + DIFFERENTIAL_PROBLEMS
-DIFFERENTIAL_CHUNKS = [
-    range(seed, min(seed + CHUNK, DIFFERENTIAL_END))
-    for seed in range(FIRST_SEED, DIFFERENTIAL_END, CHUNK)
-]
+from dg_localization.solver.assemble import growing
 
 LARGE_EVERY, WITHIN_EVERY = 50, 5
 """One in so many problems is large, or is to be solved within some boxes."""
 
 ROUNDING = 1e-9
 """The squared distances of proved positions are computed to this fraction of the largest."""
-
-
-def first_and_last(seeds):
-    return f'{seeds[0]}-{seeds[-1]}'
 
 
 def boxes_around(case, seed):
@@ -55,11 +50,8 @@ def check(seed):
     result = solve(case.problem, case.options, within=within)
     if result.verdict is Verdict.INFEASIBLE:
         return ['everything']
-    done = result.statistics
-    boxes = sum(len(h.boxes) for piece in result.pieces for h in piece.hypotheses)
-    assert done.processed == done.empty + done.split + done.kept <= case.options.max_boxes
-    assert done.kept + done.pending == boxes and done.empty >= 0
-    assert (result.verdict is Verdict.OUT_OF_BUDGET) == (done.pending > 0)
+    check_counts(result)
+    assert result.statistics.processed <= case.options.max_boxes
     assert set(range(case.problem.n_points)) == {
         p for piece in result.pieces for p in piece.points
     }
@@ -68,7 +60,7 @@ def check(seed):
 
 
 @pytest.mark.filterwarnings('error')
-@pytest.mark.parametrize('seeds', CHUNKS, ids=first_and_last)
+@pytest.mark.parametrize('seeds', chunks(PROBLEMS, 250), ids=first_and_last)
 def test_no_truth_is_lost(seeds):
     lost = {}
     for seed in seeds:
@@ -85,6 +77,20 @@ def test_no_truth_is_lost(seeds):
 def test_pairs_that_sides_bound_join_what_was_apart():
     """Without the triangles of such a pair its points were placed as if unbounded: NaN."""
     assert not check(60_714_674)
+
+
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize('seeds', chunks(max(1, PROBLEMS // 10), 100), ids=first_and_last)
+def test_no_truth_is_lost_where_pieces_in_space_are_placed_point_by_point(seeds, monkeypatch):
+    """However small or well held they are."""
+    monkeypatch.setattr(growing, 'LEAST_GROWN', 5)
+    monkeypatch.setattr(growing, 'ONE_BOX_SHARE', 0.0)
+    for seed in seeds:
+        case = grown_case(seed)
+        result = solve(case.problem, case.options)
+        assert result.verdict is not Verdict.INFEASIBLE, seed
+        assert not missing(result, case.positions, case.squared), seed
+        check_counts(result)
 
 
 def disturbed(problem, rng):
@@ -118,7 +124,7 @@ def lacks_placement(result, positions):
     return not any(is_in(*box, squared) for box in boxes)
 
 
-@pytest.mark.parametrize('seeds', DIFFERENTIAL_CHUNKS, ids=first_and_last)
+@pytest.mark.parametrize('seeds', chunks(max(1, PROBLEMS // 10), 250), ids=first_and_last)
 def test_answers_in_pieces_and_in_one_agree(seeds):
     """What either proves to be a placement is in the other, contradictory problems included."""
     for seed in seeds:
