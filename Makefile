@@ -100,9 +100,6 @@ format: $(ready) ## Let ruff lay out the code
 	$(run) -m ruff check --fix .
 	$(run) -m ruff format .
 
-parameters: $(ready) ## Write config/localizer.yaml from the table
-	@$(run) -m dg_localization.ros.interface.parameters.document
-
 docs: $(ready) ## Build the pages of docs/ as HTML in build/docs
 	@$(run) -m pip install -q --no-deps --no-build-isolation --require-hashes -r requirements/docs.txt
 	$(run) -m sphinx -q -W -n docs build/docs

@@ -6,17 +6,17 @@
 import pytest
 
 from dg_localization.fleet import LinkKey, LinkKind
-from dg_localization.ros.interface.discovery import MOST_UNKNOWN, TopicFinder
-from dg_localization.ros.interface.links import Template, parse_link
+from dg_localization.ros.interface.discovery import MOST_UNKNOWN, Template, TopicFinder
+from dg_localization.ros.interface.links import parse_link
 
 RANGE, RAY = 'sensor_msgs/msg/Range', 'geometry_msgs/msg/Vector3Stamped'
 ODOMETRY = 'nav_msgs/msg/Odometry'
 PEERS = 'sensor_msgs/msg/PointCloud2'
 TEMPLATES = (
-    Template('/{observer}/range/{target}', RANGE),
-    Template('/{observer}/bearing/{target}', RAY),
-    Template('/{robot}/odom', ODOMETRY),
-    Template('/{observer}/peers', PEERS),
+    Template('/{observer}/range/{target}', LinkKind.RANGE),
+    Template('/{observer}/bearing/{target}', LinkKind.BEARING),
+    Template('/{robot}/odom', LinkKind.ODOMETRY),
+    Template('/{observer}/peers', LinkKind.PEERS),
 )
 POINTS = ('a', 'b', 'a_b')
 
@@ -48,7 +48,7 @@ def test_topic_is_understood_or_none_of_ours(topic, type_name, key):
 
 
 def test_known_names_decide_where_a_name_ends():
-    joined = (Template('/uwb/{observer}_{target}', RANGE),)
+    joined = (Template('/uwb/{observer}_{target}', LinkKind.RANGE),)
     assert found(('/uwb/a_b_b', RANGE), templates=joined) == {
         '/uwb/a_b_b': LinkKey(LinkKind.RANGE, 'a_b', 'b')
     }

@@ -12,13 +12,15 @@ import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Range
 
-from dg_localization.ros.interface.links import Template, parse_link
+from dg_localization.fleet import LinkKind
+from dg_localization.ros.interface.discovery import Template
+from dg_localization.ros.interface.links import parse_link
 from dg_localization.ros.node.inputs import POLL_PERIOD_S, SENSOR_DATA, Inputs
 
 POINTS = ('a', 'b', 'c')
 TOPICS = [f'/{one}/range/{other}' for one in POINTS for other in POINTS if one != other]
 SETTINGS = SimpleNamespace(
-    templates=(Template('/{observer}/range/{target}', 'sensor_msgs/msg/Range'),),
+    templates=(Template('/{observer}/range/{target}', LinkKind.RANGE),),
     links=(),
     fleet=SimpleNamespace(points=POINTS, robots=POINTS),
 )

@@ -14,10 +14,8 @@ import yaml
 
 from dg_localization.fleet import ElevationErrorModel, LinkKey, LinkKind
 from dg_localization.ros.interface.links import parse_link
-from dg_localization.ros.interface.parameters.document import as_yaml
-from dg_localization.ros.interface.parameters.inputs import TEMPLATE_TYPES
 from dg_localization.ros.interface.parameters.settings import check_values, settings_from
-from dg_localization.ros.interface.parameters.spec import WrongParameterError
+from dg_localization.ros.interface.parameters.spec import LIST_TEXTS, WrongParameterError
 from dg_localization.ros.interface.parameters.table import OWN, TABLE
 
 REPOSITORY = Path(__file__).parents[2]
@@ -85,14 +83,23 @@ def test_default_is_allowed_and_descriptor_can_be_made(name, spec):
     assert spec.description in descriptor.description and spec.unit in descriptor.description
 
 
-def test_the_file_is_that_of_the_table():
-    assert (CONFIG / 'localizer.yaml').read_text() == as_yaml(), 'run `make parameters`'
+@pytest.mark.parametrize('name, spec', [*TABLE.items(), *OWN.items()], ids=[*TABLE, *OWN])
+def test_the_file_says_what_a_parameter_is_and_may_be(name, spec):
+    facts = ', '.join(filter(None, [LIST_TEXTS.get(spec.list_of), spec.unit, spec.limits()]))
+    said = f'{spec.description[0].upper()}{spec.description[1:]}{facts and f" ({facts})"}.'
+    text = (CONFIG / 'localizer.yaml').read_text()
+    room, _, own = name.rpartition('.')
+    if name in OWN:
+        comment = text.partition(f'# {name}: {spec.default}.')[2]
+    else:
+        _, _, after = text.partition(f'\n    {room}:\n' if room else 'ros__parameters:\n')
+        before = re.split(rf'(?m)^ +{own}:', after, maxsplit=1)[0]
+        comment = re.split(r'\n +\w+:', before)[-1]
+    assert said in ' '.join(re.sub(r'\n *#', ' ', f'\n{comment}').split())
 
 
 def test_commented_file_holds_every_parameter_with_its_default():
-    text = (CONFIG / 'localizer.yaml').read_text()
-    assert all(f'# {name}: {spec.default}. ' in text for name, spec in OWN.items())
-    given = given_in(text)
+    given = given_in((CONFIG / 'localizer.yaml').read_text())
     assert len(given.pop('robots')) == 3
     defaults = {name: spec.default for name, spec in TABLE.items() if name != 'robots'}
     assert given.keys() == defaults.keys()
@@ -240,7 +247,7 @@ def test_topics_that_are_swapped_by_remapping_are_refused():
 
 
 def test_empty_template_means_no_topics():
-    found = settings(**dict.fromkeys(TEMPLATE_TYPES, ''))
+    found = settings(**dict.fromkeys((name for name in TABLE if name.endswith('.topic')), ''))
     assert found.links == () and found.templates == ()
 
 

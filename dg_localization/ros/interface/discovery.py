@@ -3,14 +3,155 @@
 
 """Which of the topics that exist are inputs of the fleet, by the templates of their names."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from itertools import permutations
+import re
+from string import Formatter
+from typing import Any
 
-from dg_localization.ros.interface.links import ANY_OBSERVER, Link, Template
+from dg_localization.fleet import LinkKey, LinkKind
+from dg_localization.ros.interface.links import (
+    ANY_NAME,
+    ANY_OBSERVER,
+    KINDS,
+    Link,
+    check_topic,
+    stated_offset,
+)
+from dg_localization.ros.interface.parameters.spec import refused
 
 MOST_UNKNOWN = 16
 # As many names are remembered: nodes come and go for days, some with names of their own.
 MOST_NAMES = 4096
+
+
+@dataclass(frozen=True)
+class Template:
+    """
+    A way to name the topics of one kind of measurement.
+
+    Attributes
+    ----------
+    text : str
+        The topic with the names of `fields` in braces.
+    kind : LinkKind
+        What the topics measure.
+    overrides : mapping of str to float
+        Those of its links.
+
+    """
+
+    text: str
+    kind: LinkKind
+    overrides: Mapping[str, float] = field(default_factory=dict, hash=False)
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """What must stand in braces."""
+        return KINDS[self.kind].fields
+
+    @property
+    def shape(self) -> str:
+        """The text with nothing in its braces: templates of one shape give the same topics."""
+        return re.sub(r'{\w+}', '{}', self.text)
+
+    def check(self) -> None:
+        """Raise ValueError unless the text holds each of `fields` once."""
+        try:
+            parsed = [part[1:] for part in Formatter().parse(self.text) if part[1] is not None]
+        except ValueError as error:
+            raise ValueError(f'it is no template: {error}') from None
+        # A format, as in {robot:>9}, is no part of a name, and may ask for any length.
+        if sorted(parsed, key=str) != [(name, '', None) for name in sorted(self.fields)]:
+            wanted = ' and '.join(f'{{{name}}}' for name in self.fields)
+            raise ValueError(f'it must hold {wanted} once, nothing else in braces, or be empty')
+        check_topic(self.text.format(**dict.fromkeys(self.fields, 'name')))
+
+    def check_names(self, points: Iterable[str]) -> None:
+        """Raise ValueError if two pairs of robots, anchors and sensors have the same topic."""
+        if 'target' not in self.fields:
+            return
+        names = list(points)
+        _, between = (text for text, field, *_ in Formatter().parse(self.text) if field)
+        if set(between) - set(''.join(names)):
+            # What no name contains tells where one ends and the other begins.
+            return
+        ends_of: dict[str, tuple[str, str]] = {}
+        for observer, target in permutations(names, 2):
+            topic = self.text.format(observer=observer, target=target)
+            first = ends_of.setdefault(topic, (observer, target))
+            if first != (observer, target):
+                raise ValueError(
+                    f"'{topic}' is that of {first[0]} and {first[1]}, and of {observer} and "
+                    f'{target}: the names must be told apart, by a / between them for example'
+                )
+
+    def resolved(self, resolve: Callable[[str], str]) -> 'Template':
+        """Return the template with the full name, by a function from topics to full names."""
+        text = resolve(self.text.format(**{name: _stand_in(name) for name in self.fields}))
+        for name in self.fields:
+            text = text.replace(_stand_in(name), f'{{{name}}}')
+        return replace(self, text=text)
+
+    def link_of(self, topic: str, points: Iterable[str]) -> Link | None:
+        """
+        Return the link that a topic of this name carries, None when it carries none.
+
+        Names of the fleet are looked for first, so that `/uwb/robot_1_robot_2` is understood. A
+        topic of one point of the fleet and one stranger is a link too: its readings are counted
+        and rejected, so that the diagnostics name a misspelled or forgotten robot.
+        """
+        known = '|'.join(re.escape(point) for point in points)
+        ends = [(known, known), (known, ANY_NAME), (ANY_NAME, known)]
+        for observer, target in ends if 'target' in self.fields else ends[:1]:
+            names = {'observer': observer, 'target': target, 'robot': known}
+            match = self._pattern(names).fullmatch(topic)
+            if match:
+                found = match.groupdict()
+                key = LinkKey(
+                    self.kind, found.get('observer') or found['robot'], found.get('target', '')
+                )
+                if key.observer == key.target:
+                    return None
+                type_name = KINDS[self.kind].template_type
+                return Link(topic, type_name, key, overrides=self.overrides)
+        return None
+
+    def _pattern(self, names: Mapping[str, str]) -> re.Pattern[str]:
+        parts = [
+            re.escape(literal) + (f'(?P<{name}>{names[name]})' if name else '')
+            for literal, name, _, _ in Formatter().parse(self.text)
+        ]
+        return re.compile(''.join(parts))
+
+
+def _stand_in(field_name: str) -> str:
+    """Return a name that stands for a field where braces are not allowed."""
+    return f'FIELD_{field_name}_FIELD'
+
+
+def templates_from(
+    values: Mapping[str, Any], resolve: Callable[[str], str], points: Sequence[str]
+) -> tuple[Template, ...]:
+    """Return the templates, with the full names of their topics; each has topics of its own."""
+    found: dict[str, Template] = {}
+    for kind in (kind for kind, one in KINDS.items() if one.template_type):
+        name = f'{kind}.topic'
+        if not values[name]:
+            continue
+        template = Template(values[name], kind, stated_offset(values, kind))
+        with refused(f"parameter '{name}': '{template.text}' is not allowed, "):
+            template.check()
+            template = template.resolved(resolve)
+            template.check_names(points)
+            first = found.setdefault(template.shape, template)
+            if first is not template:
+                raise ValueError(
+                    f"its topics are those of '{first.kind}.topic', it must have topics of its own"
+                )
+    return tuple(found.values())
 
 
 class TopicFinder:

@@ -3,11 +3,13 @@
 
 """Who the ids in the messages of drivers are, and where their cameras look."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 import re
+from typing import Any
 
 from dg_localization.fleet import InputState, LinkKey
 from dg_localization.ros.interface.links import ANY_OBSERVER, Link
+from dg_localization.ros.interface.parameters.spec import refused
 from msg_adapters import CameraReading, IdentifiedReading, PixelReading
 
 LINE = re.compile(r'(?:"([^"]+)"|([^\s"]\S*))\s+([^\s"]+)')
@@ -38,6 +40,17 @@ def parse_ids(texts: Iterable[str]) -> dict[str, str]:
             raise ValueError(f"'{text}' is not allowed: id '{quoted or plain}' is named twice")
         table[quoted or plain] = name
     return table
+
+
+def ids_from(values: Mapping[str, Any], points: Sequence[str]) -> dict[str, str]:
+    """Return who the ids in messages are."""
+    with refused("parameter 'ids': "):
+        ids = parse_ids(filter(None, values['ids']))
+        for name in ids.values():
+            if name not in (*points, IGNORED):
+                allowed = f"one of {', '.join(points)}, or '{IGNORED}' for nobody"
+                raise ValueError(f"'{name}' is not allowed, it must be {allowed}")
+    return ids
 
 
 class Identities:

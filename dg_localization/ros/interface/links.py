@@ -3,12 +3,10 @@
 
 """Links: which topic carries whose measurement of whom."""
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import permutations
 import math
-import re
-from string import Formatter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,12 +17,14 @@ from rclpy.validate_topic_name import validate_topic_name
 from dg_localization.fleet import (
     DifferenceErrorModel,
     ElevationErrorModel,
+    FleetConfig,
     LinkKey,
     LinkKind,
     RangeErrorModel,
     SensorBounds,
 )
 from dg_localization.fleet.rotations import quaternion_of_euler, rotation_of_quaternion
+from dg_localization.ros.interface.parameters.spec import WrongParameterError, refused
 from dg_localization.ros.interface.parameters.table import fields_of
 from msg_adapters import (
     BearingReading,
@@ -187,7 +187,7 @@ def parse_link(text: str) -> Link:
     if len(names) not in (3, 4):
         raise ValueError("it must read 'TOPIC TYPE OBSERVER [TARGET] [NAME=VALUE ...]'")
     topic, type_name, observer, target = [*names, ''][:4]
-    kind = _kind_of(type_name)
+    kind = kind_of(type_name)
     if bool(target) != ('target' in KINDS[kind].fields):
         wanted = 'takes no target' if target else 'needs an observer and a target'
         raise ValueError(f'a link of type {type_name} {wanted}')
@@ -208,7 +208,8 @@ def parse_link(text: str) -> Link:
     return Link(topic, type_name, LinkKey(kind, observer, target), True, overrides)
 
 
-def _kind_of(type_name: str) -> LinkKind:
+def kind_of(type_name: str) -> LinkKind:
+    """Return what messages of a type measure; raise ValueError where they are no input."""
     inputs = [name for name in known_types() if adapter_for(name).value_class in KIND_OF_VALUE]
     if type_name not in inputs:
         last = type_name.rpartition('/')[2]
@@ -242,119 +243,6 @@ def _parse_override(word: str, kind: LinkKind) -> tuple[str, float]:
     return name, value
 
 
-@dataclass(frozen=True)
-class Template:
-    """
-    A way to name the topics of one kind of measurement.
-
-    Attributes
-    ----------
-    text : str
-        The topic with the names of `fields` in braces; empty for no topics.
-    type_name : str
-        Message type of these topics.
-    overrides : mapping of str to float
-        Those of its links.
-
-    """
-
-    text: str
-    type_name: str
-    overrides: Mapping[str, float] = field(default_factory=dict, hash=False)
-
-    @property
-    def kind(self) -> LinkKind:
-        """What the topics measure."""
-        return _kind_of(self.type_name)
-
-    @property
-    def fields(self) -> tuple[str, ...]:
-        """What must stand in braces."""
-        return KINDS[self.kind].fields
-
-    @property
-    def shape(self) -> str:
-        """The text with nothing in its braces: templates of one shape give the same topics."""
-        return re.sub(r'{\w+}', '{}', self.text)
-
-    def check(self) -> None:
-        """Raise ValueError unless the text is empty or holds each of `fields` once."""
-        if not self.text:
-            return
-        try:
-            parsed = [part[1:] for part in Formatter().parse(self.text) if part[1] is not None]
-        except ValueError as error:
-            raise ValueError(f'it is no template: {error}') from None
-        # A format, as in {robot:>9}, is no part of a name, and may ask for any length.
-        if sorted(parsed, key=str) != [(name, '', None) for name in sorted(self.fields)]:
-            wanted = ' and '.join(f'{{{name}}}' for name in self.fields)
-            raise ValueError(f'it must hold {wanted} once, nothing else in braces, or be empty')
-        check_topic(self.text.format(**dict.fromkeys(self.fields, 'name')))
-
-    def check_names(self, points: Iterable[str]) -> None:
-        """Raise ValueError if two pairs of robots, anchors and sensors have the same topic."""
-        if not self.text or 'target' not in self.fields:
-            return
-        names = list(points)
-        _, between = (text for text, field, *_ in Formatter().parse(self.text) if field)
-        if set(between) - set(''.join(names)):
-            # What no name contains tells where one ends and the other begins.
-            return
-        ends_of: dict[str, tuple[str, str]] = {}
-        for observer, target in permutations(names, 2):
-            topic = self.text.format(observer=observer, target=target)
-            first = ends_of.setdefault(topic, (observer, target))
-            if first != (observer, target):
-                raise ValueError(
-                    f"'{topic}' is that of {first[0]} and {first[1]}, and of {observer} and "
-                    f'{target}: the names must be told apart, by a / between them for example'
-                )
-
-    def resolved(self, resolve: Callable[[str], str]) -> 'Template':
-        """Return the template with the full name, by a function from topics to full names."""
-        if not self.text:
-            return self
-        text = resolve(self.text.format(**{name: _stand_in(name) for name in self.fields}))
-        for name in self.fields:
-            text = text.replace(_stand_in(name), f'{{{name}}}')
-        return replace(self, text=text)
-
-    def link_of(self, topic: str, points: Iterable[str]) -> Link | None:
-        """
-        Return the link that a topic of this name carries, None when it carries none.
-
-        Names of the fleet are looked for first, so that `/uwb/robot_1_robot_2` is understood. A
-        topic of one point of the fleet and one stranger is a link too: its readings are counted
-        and rejected, so that the diagnostics name a misspelled or forgotten robot.
-        """
-        known = '|'.join(re.escape(point) for point in points)
-        ends = [(known, known), (known, ANY_NAME), (ANY_NAME, known)]
-        for observer, target in ends if 'target' in self.fields else ends[:1]:
-            names = {'observer': observer, 'target': target, 'robot': known}
-            match = self._pattern(names).fullmatch(topic)
-            if match:
-                found = match.groupdict()
-                key = LinkKey(
-                    self.kind, found.get('observer') or found['robot'], found.get('target', '')
-                )
-                if key.observer == key.target:
-                    return None
-                return Link(topic, self.type_name, key, overrides=self.overrides)
-        return None
-
-    def _pattern(self, names: Mapping[str, str]) -> re.Pattern[str]:
-        parts = [
-            re.escape(literal) + (f'(?P<{name}>{names[name]})' if name else '')
-            for literal, name, _, _ in Formatter().parse(self.text)
-        ]
-        return re.compile(''.join(parts))
-
-
-def _stand_in(field_name: str) -> str:
-    """Return a name that stands for a field where braces are not allowed."""
-    return f'FIELD_{field_name}_FIELD'
-
-
 def check_topic(topic: str) -> None:
     """Raise ValueError unless `topic` is a name that ROS allows."""
     try:
@@ -362,3 +250,51 @@ def check_topic(topic: str) -> None:
     except InvalidTopicNameException as error:
         reason = str(error).partition('\n')[0]
         raise ValueError(f"'{topic}' is no topic name: {reason}") from None
+
+
+def stated_offset(values: Mapping[str, Any], kind: LinkKind) -> dict[str, float]:
+    """Return what links of a kind override where they do not say it themselves."""
+    offset_s = values.get(f'{kind}.{STAMP_OFFSET}', 0.0)
+    return {STAMP_OFFSET: offset_s} if offset_s else {}
+
+
+def links_from(values: Mapping[str, Any], resolve: Callable[[str], str]) -> tuple[Link, ...]:
+    """Return the links that are named one by one, with the full names of their topics."""
+    links = []
+    # A list of one empty string is how ROS 1 and 2 users write an empty list of strings.
+    for text in filter(None, values['links']):
+        with refused(f"parameter 'links': '{text}' is not allowed: "):
+            link = parse_link(text)
+            topic = resolve(link.topic)
+            if resolve(topic) != topic:
+                # A subscription to it would be remapped once more.
+                raise ValueError(
+                    f"its topic is remapped to '{topic}', and that to '{resolve(topic)}': name "
+                    'the topic that is meant'
+                )
+        overrides = {**stated_offset(values, link.key.kind), **link.overrides}
+        links.append(replace(link, topic=topic, overrides=overrides))
+    for topic, count in Counter(link.topic for link in links).items():
+        if count > 1:
+            raise WrongParameterError(
+                f"parameter 'links': topic '{topic}' is named twice, it can carry one link only"
+            )
+    for key, count in Counter(link.key for link in links).items():
+        if key.kind is LinkKind.ODOMETRY and count > 1:
+            # Steps from a pose of one to a pose of the other are no steps of the robot.
+            text = f"the odometry of '{key.observer}' is named {count} times, not once"
+            raise WrongParameterError(f"parameter 'links': {text}")
+    return tuple(links)
+
+
+def check_links(links: Iterable[Link], fleet: FleetConfig) -> None:
+    """Refuse links with bounds that are none, and between two points of one robot."""
+    for link in links:
+        with refused(f"parameter 'links': the bounds of '{link.topic}' are not allowed: "):
+            link.bounds_within(fleet.sensor_bounds)
+        robot, other = map(fleet.robot_of, link.key.ends)
+        if robot == other:
+            raise WrongParameterError(
+                f"parameter 'links': {'->'.join(link.key.ends)} is not allowed, both are on robot "
+                f"'{robot}', it must join points of two robots or anchors"
+            )

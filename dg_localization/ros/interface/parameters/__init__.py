@@ -4,6 +4,6 @@
 """
 The parameters of the node: one table, from which everything about them is made.
 
-`table` has the rows. `spec` checks and declares one of them, `settings` turns their values into
-the settings of the node, and `document` writes `config/localizer.yaml`.
+`table` has the rows. `spec` checks and declares one of them, and `settings` turns their values
+into the settings of the node. `config/localizer.yaml` says what they mean.
 """

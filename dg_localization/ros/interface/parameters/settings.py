@@ -22,13 +22,9 @@ from dg_localization.fleet import (
     RangeErrorModel,
 )
 from dg_localization.fleet.rotations import quaternion_of_euler
-from dg_localization.ros.interface.links import ANY_NAME, Link, Template
-from dg_localization.ros.interface.parameters.inputs import (
-    check_links,
-    ids_from,
-    links_from,
-    templates_from,
-)
+from dg_localization.ros.interface.discovery import Template, templates_from
+from dg_localization.ros.interface.identities import ids_from
+from dg_localization.ros.interface.links import ANY_NAME, Link, check_links, links_from
 from dg_localization.ros.interface.parameters.spec import (
     WrongParameterError,
     close_name,
@@ -50,6 +46,14 @@ from dg_localization.solver.options import SolverOptions
 # For how many periods an answer counts as new, and for how long at least.
 LIFETIME_PERIODS = 3.0
 LEAST_LIFETIME_S = 1.0
+
+# By field of the fleet, what parameters with a prefix state together.
+MODELS: Mapping[str, tuple[type, str]] = {
+    'range_error': (RangeErrorModel, 'range.'),
+    'elevation_error': (ElevationErrorModel, 'elevation.'),
+    'range_difference_error': (DifferenceErrorModel, 'range_difference.'),
+    'solver': (SolverOptions, 'solver.'),
+}
 
 
 @dataclass(frozen=True)
@@ -235,27 +239,23 @@ def _own(values: Mapping[str, Any], name: str, of_all: str) -> float:
 
 
 def _fleet_config(values: Mapping[str, Any]) -> FleetConfig:
-    anchors = {
-        name: Anchor(
-            tuple(values[f'anchors.{name}.position']),
-            _own(values, f'anchors.{name}.bound', 'anchors.bound'),
-        )
-        for name in values['anchors.names']
-    }
     odometry_error = OdometryErrorModel(**_stated(OdometryErrorModel, values, 'odometry.'))
     stated = {
         **_stated(FleetConfig, values),
         'robots': tuple(values['robots']),
         'mounts': _mounts(values),
         'elevations_m': _elevations_m(values),
-        'elevation_error': ElevationErrorModel(
-            **_stated(ElevationErrorModel, values, 'elevation.')
-        ),
-        'range_difference_error': DifferenceErrorModel(
-            **_stated(DifferenceErrorModel, values, 'range_difference.')
-        ),
-        'range_error': RangeErrorModel(**_stated(RangeErrorModel, values, 'range.')),
-        'anchors': anchors,
+        **{
+            field: model(**_stated(model, values, prefix))
+            for field, (model, prefix) in MODELS.items()
+        },
+        'anchors': {
+            name: Anchor(
+                tuple(values[f'anchors.{name}.position']),
+                _own(values, f'anchors.{name}.bound', 'anchors.bound'),
+            )
+            for name in values['anchors.names']
+        },
         'robot_max_speed_m_s': {
             name: values[f'robot_max_speed.{name}']
             for name in values['robots']
@@ -265,7 +265,6 @@ def _fleet_config(values: Mapping[str, Any]) -> FleetConfig:
         'robot_odometry_error': {
             robot: error for robot, error in _odometry_errors(values) if error != odometry_error
         },
-        'solver': SolverOptions(**_stated(SolverOptions, values, 'solver.')),
     }
     return FleetConfig(**stated)
 

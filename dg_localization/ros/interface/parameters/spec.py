@@ -57,8 +57,8 @@ class Spec:
     ----------
     default : object
         Value when it is not given; its type is that of the parameter.
-    text : str
-        What it is, in one phrase, and further sentences for the documentation.
+    description : str
+        What it is, in one phrase.
     unit : str
         Unit; empty for what has none.
     at_least, at_most : float
@@ -70,15 +70,11 @@ class Spec:
         allowed beside the limits.
     choices : tuple of str
         The allowed strings; empty for any.
-    examples : tuple of str
-        Lines of YAML that the commented file shows as comments.
-    shown : object
-        Value in the commented file where the default alone is refused; None for the default.
 
     """
 
     default: Any
-    text: str
+    description: str
     unit: str = ''
     at_least: float = -math.inf
     at_most: float = math.inf
@@ -88,8 +84,6 @@ class Spec:
     may_be_zero: bool = False
     may_be_negative: bool = False
     choices: tuple[str, ...] = ()
-    examples: tuple[str, ...] = ()
-    shown: Any = None
 
     @property
     def type(self) -> Parameter.Type:
@@ -97,11 +91,6 @@ class Spec:
         if self.list_of:
             return LISTS[self.list_of]
         return Parameter.Type.from_parameter_value(self.default)
-
-    @property
-    def description(self) -> str:
-        """The phrase at the beginning of the text."""
-        return self.text.partition('. ')[0].removesuffix('.')
 
     def allowed(self) -> str:
         """Return what the value may be, in words."""
@@ -190,15 +179,6 @@ class Spec:
 
 
 Specs = Mapping[str, Spec]
-
-
-@dataclass(frozen=True)
-class Section:
-    """Parameters that belong together: a title, what they have in common, and rows by name."""
-
-    title: str
-    text: str
-    specs: Specs
 
 
 def given_values(node: Node) -> dict[str, Any]:
