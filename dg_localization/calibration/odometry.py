@@ -9,15 +9,18 @@ of the measured steps along the true headings, so that an error of the heading d
 as one of the way.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dg_localization.calibration.bounds import DECIMALS, Choice, n_kept, without_turns
 from dg_localization.calibration.truth import TrueTrack, without_heights, without_tilt
+from dg_localization.fleet import FleetConfig
 from dg_localization.fleet.odometry_error import LEAST_SCALE, MOST_SCALE, OdometryErrorModel
+from dg_localization.fleet.rotations import rotation_of_quaternion
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
@@ -33,6 +36,12 @@ STRETCHED = 1.5
 
 WAY_M, TURN_RAD = 1.0, 1.0
 """Of the longest way and the greatest turn of all windows: less tells no error per m or rad."""
+
+LEAST_TOLD = 20
+"""Fewer windows tell nothing."""
+
+Piece = list[tuple[float, Any, Any]]
+"""Odometry between two starts anew: stamps in s, positions and quaternions."""
 
 SLOPES = np.linspace(0.0, 1.0, 401)
 """Errors per m or rad that are tried."""
@@ -218,6 +227,81 @@ def fit_odometry(
             rotation_per_rad=max(per_rad, stated.rotation_per_rad),
         )
     return fit
+
+
+@dataclass
+class LearnedOdometry:
+    """The bounds of odometry of all robots, None where none tells them, and those of each."""
+
+    of_all: OdometryErrorModel | None
+    of_robots: dict[str, OdometryErrorModel]
+    notes: list[str]
+
+
+def learn_odometry(
+    odometry: Mapping[str, Sequence[Piece]],
+    fleet: FleetConfig,
+    tracks: Mapping[str, TrueTrack],
+    choice: Choice,
+    of_each: bool,
+) -> LearnedOdometry:
+    """Return the bounds of odometry of all robots and, or of those that need it, of each."""
+    learned = LearnedOdometry(None, {}, [])
+    found: dict[str, OdometryWindows] = {}
+    for robot in filter(tracks.__contains__, sorted(odometry)):
+        pieces = odometry[robot]
+        how = tracks[robot], fleet.dimension, fleet.is_upright(robot)
+        columns = (map(np.array, zip(*piece, strict=True)) for piece in pieces)
+        windows = OdometryWindows.joined(
+            odometry_windows(stamps_s, places_m, rotation_of_quaternion(turns), *how)
+            for stamps_s, places_m, turns in columns
+        )
+        if len(pieces) > 1:
+            learned.notes.append(f'Odometry of {robot} started anew {len(pieces) - 1} times.')
+        if len(windows.seconds) >= LEAST_TOLD:
+            found[robot] = windows
+    if not found:
+        return learned
+    for robot, windows in found.items():
+        model = fit_odometry(windows, choice, fleet.odometry_error_of(robot))
+        learned.notes += _texts(robot, model, windows)
+        # Errors that the file before states of one robot would be mixed with those of all.
+        if of_each:
+            learned.of_robots[robot] = model
+    together = OdometryWindows.joined(found.values())
+    model = learned.of_all = fit_odometry(together, choice, fleet.odometry_error)
+    learned.notes += _texts('all', model, together)
+    for robot in filter(found.__contains__, fleet.robot_odometry_error):
+        learned.of_robots.setdefault(robot, model)
+    if others := [robot for robot in fleet.robots if robot not in found]:
+        # What was learned of others would replace what was stated of these.
+        learned.of_robots |= {robot: fleet.odometry_error_of(robot) for robot in others}
+        learned.notes.append(
+            f'Nothing was learned of the odometry of {", ".join(others)}: it is as it was stated.'
+        )
+    return learned
+
+
+def _texts(name: str, model: OdometryErrorModel, windows: OdometryWindows) -> Iterator[str]:
+    """Yield what was learned, and what was kept as stated of a robot that did not move."""
+    count = len(windows.seconds)
+    yield (
+        f'Odometry of {name}: true ways are {model.translation_scale:.4f} times the reported '
+        f'ones, up to {model.constant_m:.4f} m + {model.translation_per_m:.4f} per m, turns are '
+        f'within {model.constant_rad:.4f} rad + {model.rotation_per_rad:.4f} per rad; {count} '
+        f'windows of 0.35 to 40 s, {100.0 * n_excluded(model, windows) / count:.2f} % excluded.'
+    )
+    if not windows.tell_ways:
+        yield (
+            f'Odometry of {name}: no window is longer than {windows.way_m.max():.2f} m. The scale '
+            'is as it was stated, and errors of ways are no smaller.'
+        )
+    if not windows.tell_turns:
+        most_rad = windows.turn_rad.max()
+        yield (
+            f'Odometry of {name}: no window turns by more than {most_rad:.2f} rad. Errors of '
+            'turns are no smaller than they were stated.'
+        )
 
 
 def _least_squares_scale(windows: OdometryWindows) -> float:

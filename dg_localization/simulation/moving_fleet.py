@@ -9,13 +9,18 @@ that placement and moves. In formation all robots follow a wide circle together,
 circles about its place in the fleet: the shape changes all the time and keeps its eight solutions.
 In loops each drives a circle of its own, so that its odometry tells left from right.
 
-Every reading keeps the bounds that are stated for it, also after its message is rounded.
+Every reading keeps the bounds that are stated for it, also after its message is rounded. Odometry
+drifts, and never more than its bounds allow: from one sample to the next a robot measures how far
+it went and turned, in its body frame. Each step errs in proportion to the way and to the turn; the
+errors add up, and an error of the heading bends the way that follows.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+import math
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -54,6 +59,11 @@ LEAST_LOOP_RADIUS_M, GREATEST_LOOP_RADIUS_M = 0.6, 1.2
 ROUNDING_SHARE = 1e-5
 # Left besides by the sensors, whose bounds may be small: twice what single precision adds.
 SINGLE_PRECISION = 2.0**-23
+# The share of an error that is the same at every step, as that of a wrong wheel diameter.
+CONSTANT_SHARE = 0.5
+
+Pair = tuple[str, str]
+"""Observer and target."""
 
 
 class Path(StrEnum):
@@ -84,59 +94,13 @@ class FleetState:
     yaws_rad: np.ndarray
 
     def ray_m(self, observer: int, position_m: ArrayLike) -> np.ndarray:
-        """
-        Return the vector from one robot to a place, in its body frame.
-
-        Parameters
-        ----------
-        observer : int
-            Index of the robot that sees.
-        position_m : array_like, shape (2,)
-            The place, in the fixed frame.
-
-        Returns
-        -------
-        ndarray, shape (2,)
-            In m; x forward, y left.
-
-        """
+        """Return the vector from a robot to a place, in its body frame: x forward, y left."""
         way_m = np.asarray(position_m) - self.positions_m[observer]
         return way_m @ rotation(self.yaws_rad[observer])
 
 
-@dataclass(frozen=True)
-class SimulatedRange:
-    """A measured distance from `observer` to `target`, in m."""
-
-    observer: str
-    target: str
-    range_m: float
-
-
-@dataclass(frozen=True)
-class SimulatedBearing:
-    """The measured unit vector from `observer` to `target` in the observer's body frame."""
-
-    observer: str
-    target: str
-    ray: tuple[float, float, float]
-
-
 def rotation(yaw_rad: float) -> np.ndarray:
-    """
-    Return the matrix that turns body vectors into the fixed frame.
-
-    Parameters
-    ----------
-    yaw_rad : float
-        Heading of the body.
-
-    Returns
-    -------
-    ndarray, shape (2, 2)
-        Its columns are the body's x and y axes in the fixed frame.
-
-    """
+    """Return the matrix, shape (2, 2), that turns body vectors into the fixed frame."""
     return np.array([[np.cos(yaw_rad), -np.sin(yaw_rad)], [np.sin(yaw_rad), np.cos(yaw_rad)]])
 
 
@@ -153,16 +117,9 @@ class FleetMotion:
     path : Path
         In formation, or each in a loop of its own.
 
-    Raises
-    ------
-    ValueError
-        If the speed is negative or not finite.
-
     """
 
     def __init__(self, speed_m_s: float = 0.1, seed: int = 0, path: Path = Path.FORMATION) -> None:
-        if not 0.0 <= speed_m_s < np.inf:
-            raise ValueError(f'speed is {speed_m_s} m/s; it must be finite and not negative')
         self._speed_m_s = speed_m_s
         rng = np.random.default_rng(seed)
         self._phases_rad = rng.uniform(-np.pi, np.pi, len(ROBOTS))
@@ -175,20 +132,7 @@ class FleetMotion:
             self._radii_m = rng.uniform(LEAST_LOOP_RADIUS_M, GREATEST_LOOP_RADIUS_M, len(ROBOTS))
 
     def state(self, time_s: float) -> FleetState:
-        """
-        Return the true state at a time.
-
-        Parameters
-        ----------
-        time_s : float
-            Time since the start, when the fleet is at the paper's placement.
-
-        Returns
-        -------
-        FleetState
-            Positions and headings.
-
-        """
+        """Return the true state so long after the start, which is the paper's placement."""
         path_m = self._speed_m_s * time_s
         share, turns = self._common_share, self._turns
         swing_rad = (1.0 - share) / self._radii_m * path_m * turns + self._phases_rad
@@ -230,11 +174,6 @@ class FleetSensors:
     landmarks_m : mapping of str to tuple of float
         By name, the places of the landmarks in the fixed frame.
 
-    Raises
-    ------
-    ValueError
-        If a bound is outside its range.
-
     """
 
     def __init__(
@@ -244,60 +183,34 @@ class FleetSensors:
         seed: int = 0,
         landmarks_m: Mapping[str, tuple[float, float]] = MappingProxyType({}),
     ) -> None:
-        if not 0.0 <= range_error < 1.0:
-            raise ValueError(f'range error is {range_error}; it must be in [0, 1)')
-        if not 0.0 <= bearing_error_rad < np.pi:
-            raise ValueError(f'bearing error is {bearing_error_rad} rad; it must be in [0, pi)')
         # |r - d| <= e d and |r - d| <= e r both hold where |r - d| <= e d / (1 + e).
         self._range_bound = _before_rounding(range_error / (1.0 + range_error))
         self._bearing_bound_rad = _before_rounding(bearing_error_rad)
         self._rng = np.random.default_rng(seed)
         self.landmarks_m = landmarks_m
 
-    def ranges(self, state: FleetState) -> Iterator[SimulatedRange]:
-        """
-        Measure every pair once.
-
-        Parameters
-        ----------
-        state : FleetState
-            The true state.
-
-        Yields
-        ------
-        SimulatedRange
-            One for each pair within reach.
-
-        """
+    def ranges(self, state: FleetState) -> dict[Pair, float]:
+        """Measure every pair within reach once, in m."""
+        found = {}
         for observer, target, position_m in self._targets(state, EDGES):
             distance_m = np.linalg.norm(position_m - state.positions_m[observer])
             error = self._rng.uniform(-self._range_bound, self._range_bound)
             range_m = float(distance_m * (1.0 + error))
             if range_m <= REACH_M:
-                yield SimulatedRange(ROBOTS[observer], target, range_m)
+                found[ROBOTS[observer], target] = range_m
+        return found
 
-    def bearings(self, state: FleetState) -> Iterator[SimulatedBearing]:
-        """
-        See every robot of `EDGES` from its partner, and every landmark.
-
-        Parameters
-        ----------
-        state : FleetState
-            The true state.
-
-        Yields
-        ------
-        SimulatedBearing
-            Two for each pair of robots, one for each robot and landmark.
-
-        """
+    def bearings(self, state: FleetState) -> dict[Pair, tuple[float, float, float]]:
+        """See each robot of `EDGES` from the other and all landmarks: rays in the body frame."""
+        found = {}
         both_ways = [pair for edge in EDGES for pair in (edge, edge[::-1])]
         for observer, target, position_m in self._targets(state, both_ways):
             x, y = state.ray_m(observer, position_m)
             error_rad = self._rng.uniform(-self._bearing_bound_rad, self._bearing_bound_rad)
             bearing_rad = np.arctan2(y, x) + error_rad
             ray = (float(np.cos(bearing_rad)), float(np.sin(bearing_rad)), 0.0)
-            yield SimulatedBearing(ROBOTS[observer], target, ray)
+            found[ROBOTS[observer], target] = ray
+        return found
 
     def _targets(
         self, state: FleetState, pairs: Iterable[tuple[int, int]]
@@ -312,3 +225,110 @@ class FleetSensors:
 
 def _before_rounding(bound: float) -> float:
     return max(0.0, (1.0 - ROUNDING_SHARE) * bound - SINGLE_PRECISION)
+
+
+@dataclass(frozen=True)
+class OdometryErrors:
+    """
+    Bounds of the errors of odometry, relative to the true step as well as to the measured one.
+
+    Parameters
+    ----------
+    translation_per_m, translation_per_rad : float
+        Error of a step, in m per m travelled and in m per rad turned.
+    rotation_per_m, rotation_per_rad : float
+        Error of a turn, in rad per m travelled and in rad per rad turned.
+    latency_s : float
+        A sample stamped t is of some time from this much before t until t.
+
+    """
+
+    translation_per_m: float = 0.05
+    translation_per_rad: float = 0.0
+    rotation_per_m: float = 0.0
+    rotation_per_rad: float = 0.05
+    latency_s: float = 0.0
+
+    def bounds(self, way_m: float, turn_rad: float) -> tuple[float, float]:
+        """Return the bounds of the errors of a step, in m and rad, by its way and its turn."""
+        bound_m = self.translation_per_m * way_m + self.translation_per_rad * turn_rad
+        bound_rad = self.rotation_per_m * way_m + self.rotation_per_rad * turn_rad
+        # A measured step may be shorter than the true one by its error, and its own bounds are
+        # smaller by this much.
+        loss_m = self.translation_per_m * bound_m + self.translation_per_rad * bound_rad
+        loss_rad = self.rotation_per_m * bound_m + self.rotation_per_rad * bound_rad
+        share = min(_kept(bound_m, loss_m), _kept(bound_rad, loss_rad)) * (1.0 - ROUNDING_SHARE)
+        return share * bound_m, share * bound_rad
+
+
+def _kept(bound: float, loss: float) -> float:
+    """Return the largest share with ``share * bound <= bound - share * loss``."""
+    return bound / (bound + loss) if loss > 0.0 else 1.0
+
+
+class SimulatedOdometry(NamedTuple):
+    """The pose of a robot as it measured its way since the start, in its body frame there."""
+
+    robot: str
+    position_m: tuple[float, float]
+    yaw_rad: float
+
+
+class FleetOdometry:
+    """
+    The odometry of all robots.
+
+    Parameters
+    ----------
+    motion : FleetMotion
+        Where the robots truly are. The odometry begins at time zero.
+    errors : OdometryErrors
+        Half of each error is the same at every step, the other half is uniform in its bounds.
+    seed : int
+        Seed of the errors.
+
+    """
+
+    def __init__(self, motion: FleetMotion, errors: OdometryErrors, seed: int = 0) -> None:
+        self._motion = motion
+        self._errors = errors
+        self._rng = np.random.default_rng(seed)
+        self._constant = self._rng.uniform(-CONSTANT_SHARE, CONSTANT_SHARE, (len(ROBOTS), 2))
+        self._asked_s = 0.0
+        self._state = motion.state(0.0)
+        self._positions_m = np.zeros((len(ROBOTS), 2))
+        self._yaws_rad = np.zeros(len(ROBOTS))
+
+    def samples(self, time_s: float) -> Iterator[SimulatedOdometry]:
+        """Measure the steps of all robots since the sample before, for a time of the motion."""
+        pose_s = time_s - self._rng.uniform(0.0, self._errors.latency_s)
+        # Latency varies, and still no sample is of an earlier time than the one before; unless
+        # the clock itself went back.
+        if time_s >= self._asked_s:
+            pose_s = max(pose_s, self._state.time_s)
+        self._asked_s = time_s
+        before, self._state = self._state, self._motion.state(pose_s)
+        for robot, name in enumerate(ROBOTS):
+            self._take_step(robot, before)
+            x, y = self._positions_m[robot]
+            yield SimulatedOdometry(name, (float(x), float(y)), float(self._yaws_rad[robot]))
+
+    def _take_step(self, robot: int, before: FleetState) -> None:
+        """Add one step, with its errors, to the pose of a robot."""
+        way_m = self._state.positions_m[robot] - before.positions_m[robot]
+        step_m = way_m @ rotation(before.yaws_rad[robot])
+        turn_rad = math.remainder(
+            self._state.yaws_rad[robot] - before.yaws_rad[robot], 2.0 * math.pi
+        )
+        length_m = float(np.linalg.norm(step_m))
+        bound_m, bound_rad = self._errors.bounds(length_m, abs(turn_rad))
+        random = 1.0 - CONSTANT_SHARE
+        along = step_m / length_m if length_m > 0.0 else np.array([1.0, 0.0])
+        angle_rad = self._rng.uniform(-math.pi, math.pi)
+        anywhere = self._rng.uniform(0.0, random) * np.array(
+            [math.cos(angle_rad), math.sin(angle_rad)]
+        )
+        step_m = step_m + bound_m * (self._constant[robot, 0] * along + anywhere)
+        turn_rad += bound_rad * (self._constant[robot, 1] + self._rng.uniform(-random, random))
+        self._positions_m[robot] += rotation(self._yaws_rad[robot]) @ step_m
+        self._yaws_rad[robot] += turn_rad

@@ -13,8 +13,12 @@ from dg_localization.calibration.odometry import fit_odometry, n_excluded, odome
 from dg_localization.calibration.truth import TrueTrack
 from dg_localization.fleet import OdometryErrorModel
 from dg_localization.fleet.rotations import quaternion_product
-from dg_localization.simulation.moving_fleet import FleetMotion, Path
-from dg_localization.simulation.odometry import FleetOdometry, OdometryErrors
+from dg_localization.simulation.moving_fleet import (
+    FleetMotion,
+    FleetOdometry,
+    OdometryErrors,
+    Path,
+)
 
 EXACT = Choice(keep=1.0, margin=0.0)
 ROBOT = 2

@@ -6,8 +6,14 @@
 import numpy as np
 import pytest
 
-from dg_localization.simulation.moving_fleet import ROBOTS, FleetMotion, Path, rotation
-from dg_localization.simulation.odometry import FleetOdometry, OdometryErrors
+from dg_localization.simulation.moving_fleet import (
+    ROBOTS,
+    FleetMotion,
+    FleetOdometry,
+    OdometryErrors,
+    Path,
+    rotation,
+)
 
 PERIOD_S = 0.05
 ERRORS = [

@@ -64,14 +64,14 @@ def test_small_bounds_hold_in_single_precision(error):
     motion, sensors = FleetMotion(seed=4), FleetSensors(error, error, seed=4)
     for time_s in TIMES_S:
         state = motion.state(time_s)
-        for reading in sensors.ranges(state):
-            observer, target = ROBOTS.index(reading.observer), ROBOTS.index(reading.target)
+        for pair, reading_m in sensors.ranges(state).items():
+            observer, target = map(ROBOTS.index, pair)
             truth = np.linalg.norm(state.positions_m[observer] - state.positions_m[target])
-            range_m = float(np.float32(reading.range_m))
+            range_m = float(np.float32(reading_m))
             assert abs(range_m - truth) <= error * min(truth, range_m)
-        for reading in sensors.bearings(state):
-            observer, target = ROBOTS.index(reading.observer), ROBOTS.index(reading.target)
-            x, y = np.float32(reading.ray[:2]).astype(float)
+        for pair, ray in sensors.bearings(state).items():
+            observer, target = map(ROBOTS.index, pair)
+            x, y = np.float32(ray[:2]).astype(float)
             seen = rotation(state.yaws_rad[observer]) @ (x, y)
             towards = state.positions_m[target] - state.positions_m[observer]
             turn_rad = np.arctan2(seen[0] * towards[1] - seen[1] * towards[0], seen @ towards)

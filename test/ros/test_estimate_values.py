@@ -29,14 +29,14 @@ from dg_localization.fleet import (
 )
 from dg_localization.ros.interface.diagnostics import Malformed, statuses
 from dg_localization.ros.interface.links import Link
-from dg_localization.ros.interface.markers import (
+from dg_localization.ros.interface.outputs import (
     CONTRADICTING_RGBA,
     FRESH_RGBA,
     MOST_DRAWN,
     STALE_RGBA,
+    estimate_messages,
     scene,
 )
-from dg_localization.ros.interface.outputs import estimate_messages
 from dg_localization.ros.interface.poses import (
     feasible_poses,
     frame_id,

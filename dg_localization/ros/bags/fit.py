@@ -23,10 +23,17 @@ from dg_localization.calibration.bounds import (
     rounded_outward,
     shape_of,
 )
+from dg_localization.calibration.odometry import learn_odometry
 from dg_localization.calibration.truth import TrueTrack, range_errors_m
-from dg_localization.fleet import FleetConfig, LinkKey, LinkKind, RangeErrorModel, SensorBounds
+from dg_localization.fleet import (
+    FleetConfig,
+    LinkKey,
+    LinkKind,
+    OdometryErrorModel,
+    RangeErrorModel,
+    SensorBounds,
+)
 from dg_localization.ros.bags.bag import BagError
-from dg_localization.ros.bags.fit_odometry import fit_all_odometry
 from dg_localization.ros.bags.samples import Errors, Gatherer, errors_of
 from dg_localization.ros.bags.truth import apart_text
 from dg_localization.ros.interface.links import ANY_OBSERVER
@@ -45,6 +52,10 @@ GAP_S, NAMED = 1.0, 20
 # The delays that are told, over which time distances are seen to change, and which share of the
 # variance of the errors a delay must explain.
 DELAYS_S, STEP_S, EXPLAINED = (0.02, 1.0), 0.05, 0.5
+
+
+# Latencies, gaps and tilts of odometry are not seen.
+NOT_LEARNED = ('latency', 'max_gap', 'restart_gap', 'tilt')
 
 
 class GroupFit(NamedTuple):
@@ -147,6 +158,12 @@ def range_parameters(model: RangeErrorModel) -> dict[str, float]:
     return {name: x for name, x in numbers.items() if 'error' in name or name == 'sigma_factor'}
 
 
+def odometry_parameters(model: OdometryErrorModel) -> dict[str, float]:
+    """Return what is learned of odometry by the names of the parameters; the rest stays stated."""
+    numbers = parameters_of(model, 'odometry.')
+    return {name: x for name, x in numbers.items() if name not in NOT_LEARNED}
+
+
 def fit(
     gatherer: Gatherer,
     truth: FleetTruth | None,
@@ -181,10 +198,15 @@ def fit(
             raise BagError('no input has five readings within a second: nothing can be learned')
         learned.notes += _limits_without_truth(gatherer)
         return learned
-    learned.odometry, learned.robot_odometry, notes = fit_all_odometry(
-        gatherer, truth.tracks, per, choice
+    odometry = learn_odometry(
+        gatherer.odometry, fleet, truth.tracks, choice, of_each=per != 'all'
     )
-    learned.notes += notes
+    if odometry.of_all is not None:
+        learned.odometry = odometry_parameters(odometry.of_all)
+    learned.robot_odometry = {
+        robot: odometry_parameters(model) for robot, model in odometry.of_robots.items()
+    }
+    learned.notes += odometry.notes
     if not (learned.judged or learned.odometry):
         raise BagError(
             "no reading has a ground truth at its time: check 'stamp_source', and the names. "

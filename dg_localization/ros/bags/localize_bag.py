@@ -26,8 +26,7 @@ from typing import Any
 from dg_localization.fleet import solver_warnings, warm_up
 from dg_localization.ros.bags.bag import NS_PER_S, Bag, BagError, in_seconds, open_bag
 from dg_localization.ros.bags.offline import BagLocalizer, Task, find_inputs, read_task, timeline
-from dg_localization.ros.bags.page import as_page
-from dg_localization.ros.bags.picture import PICTURES, AnswerPicture, check_can_draw
+from dg_localization.ros.bags.picture import PICTURES, AnswerPicture, as_page, check_can_draw
 from dg_localization.ros.bags.reading import Reading
 from dg_localization.ros.bags.report import (
     Sheet,

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.calibration.bounds import residuals
+from dg_localization.calibration.odometry import Piece
 from dg_localization.calibration.truth import TrueTrack, range_errors_m, ray_errors_rad
 from dg_localization.fleet import (
     FleetConfig,
@@ -25,8 +26,6 @@ from dg_localization.fleet import (
 from dg_localization.fleet.error_models import in_body_frame, interpret_ray
 
 FloatArray: TypeAlias = NDArray[np.float64]
-OdometryPiece: TypeAlias = list[tuple[float, Any, Any]]
-"""Stamps in s, positions and quaternions, each newer than the one before."""
 
 
 class Gatherer(Localizer):
@@ -39,7 +38,7 @@ class Gatherer(Localizer):
     ----------
     readings : dict of LinkKey to list of (float, float or ndarray)
         By input, stamps in s with ranges in m or with unit vectors in the body, as they arrived.
-    odometry : dict of str to list of OdometryPiece
+    odometry : dict of str to list of Piece
         By robot; where its odometry starts anew, as the localizer finds it, a piece begins.
     stated : dict of LinkKey to set of SensorBounds
         The bounds that the readings of an input came with, of each link that has it.
@@ -49,7 +48,7 @@ class Gatherer(Localizer):
     def __init__(self, config: FleetConfig) -> None:
         super().__init__(config)
         self.readings: dict[LinkKey, list[tuple[float, Any]]] = defaultdict(list)
-        self.odometry: dict[str, list[OdometryPiece]] = defaultdict(list)
+        self.odometry: dict[str, list[Piece]] = defaultdict(list)
         self.stated: dict[LinkKey, set[SensorBounds]] = defaultdict(set)
 
     def stamps_s(self) -> list[float]:

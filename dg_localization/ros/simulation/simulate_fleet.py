@@ -36,7 +36,6 @@ from dg_localization.ros.interface.parameters.spec import (
 from dg_localization.ros.interface.poses import BODY_FRAME
 from dg_localization.ros.spinning import STEADY, spin
 from dg_localization.simulation import moving_fleet as simulation
-from dg_localization.simulation.odometry import FleetOdometry, OdometryErrors
 from msg_adapters.peers import PeersReading, peers_to_message
 from msg_adapters.poses import PoseList, pose_array_to_message
 from msg_adapters.readings import (
@@ -93,31 +92,29 @@ class SimulatedFleet:
             values['error'], values['bearing_error'], seed, landmarks_m
         )
         slopes = {name: values[name] for name in PARAMETERS if '_per_' in name}
-        errors = OdometryErrors(latency_s=values['odometry_latency'], **slopes)
-        self._odometry = FleetOdometry(self.motion, errors, seed)
+        errors = simulation.OdometryErrors(latency_s=values['odometry_latency'], **slopes)
+        self._odometry = simulation.FleetOdometry(self.motion, errors, seed)
 
     def measurements(self, time_s: float, stamp_s: float) -> Iterator[tuple[str, Any]]:
         """Range and see once; yield a topic and a message for each pair or for each robot."""
         state, values = self.motion.state(time_s), self._values
-        ranges = list(self._sensors.ranges(state)) if values['ranges'] else []
-        bearings = list(self._sensors.bearings(state)) if values['cameras'] else []
+        ranges_m = self._sensors.ranges(state) if values['ranges'] else {}
+        rays = self._sensors.bearings(state) if values['cameras'] else {}
         if values['peers']:
-            ranges_m = {(one.observer, one.target): one.range_m for one in ranges}
-            rays = {(one.observer, one.target): one.ray for one in bearings}
             yield from self._peers(ranges_m, rays, stamp_s)
             return
-        for near in ranges:
-            limits_m = MIN_RANGE_M, simulation.REACH_M
-            reading = RangeReading(stamp_s, near.range_m, *limits_m, frame_id=near.observer)
-            yield f'{near.observer}/range/{near.target}', range_to_message(reading)
-        for seen in bearings:
-            ray = BearingReading(stamp_s, np.array(seen.ray), seen.observer)
-            yield f'{seen.observer}/bearing/{seen.target}', bearing_to_message(ray)
+        limits_m = MIN_RANGE_M, simulation.REACH_M
+        for (observer, target), range_m in ranges_m.items():
+            reading = RangeReading(stamp_s, range_m, *limits_m, frame_id=observer)
+            yield f'{observer}/range/{target}', range_to_message(reading)
+        for (observer, target), ray in rays.items():
+            seen = BearingReading(stamp_s, np.array(ray), observer)
+            yield f'{observer}/bearing/{target}', bearing_to_message(seen)
 
     def _peers(
         self,
-        ranges_m: Mapping[tuple[str, str], float],
-        rays: Mapping[tuple[str, str], tuple[float, float, float]],
+        ranges_m: Mapping[simulation.Pair, float],
+        rays: Mapping[simulation.Pair, tuple[float, float, float]],
         stamp_s: float,
     ) -> Iterator[tuple[str, Any]]:
         """Yield a topic and a message for each robot, even for one that measured nobody."""
