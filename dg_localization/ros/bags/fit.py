@@ -198,9 +198,7 @@ def fit(
             raise BagError('no input has five readings within a second: nothing can be learned')
         learned.notes += _limits_without_truth(gatherer)
         return learned
-    odometry = learn_odometry(
-        gatherer.odometry, fleet, truth.tracks, choice, of_each=per != 'all'
-    )
+    odometry = learn_odometry(gatherer.odometry, fleet, truth.tracks, choice, of_each=per != 'all')
     if odometry.of_all is not None:
         learned.odometry = odometry_parameters(odometry.of_all)
     learned.robot_odometry = {

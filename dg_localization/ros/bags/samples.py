@@ -58,10 +58,18 @@ class Gatherer(Localizer):
         return found + [row[0] for piece in pieces for row in piece]
 
     def add_odometry(
-        self, robot: str, position_xyz: Any, orientation_xyzw: Any, stamp_s: float, *args: Any
+        self,
+        robot: str,
+        position_xyz: Any,
+        orientation_xyzw: Any,
+        stamp_s: float,
+        now_s: float,
+        frame: str = '',
     ) -> Rejection | None:
         """Keep a pose that is accepted, as it was reported."""
-        rejection = super().add_odometry(robot, position_xyz, orientation_xyzw, stamp_s, *args)
+        rejection = super().add_odometry(
+            robot, position_xyz, orientation_xyzw, stamp_s, now_s, frame
+        )
         if rejection is None:
             turn = np.asarray(orientation_xyzw, dtype=float)
             pieces = self.odometry[robot]
