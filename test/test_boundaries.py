@@ -161,22 +161,6 @@ def test_only_one_room_rounds():
     assert [module_name(path) for path in others if rounds_itself(path)] == []
 
 
-@pytest.mark.parametrize(
-    'line',
-    [
-        'math.nextafter(x, math.inf)',
-        'from math import ulp',
-        'x * (1.0 + 1e-14)',
-        'x - 1e-15',
-        'x + UNIT * abs(x)',
-        'np.finfo(float).epsilon',
-    ],
-)
-def test_rounding_is_recognized(tmp_path, line):
-    (tmp_path / 'module.py').write_text(line)
-    assert rounds_itself(tmp_path / 'module.py')
-
-
 @pytest.mark.parametrize('package', ['dg_localization', 'msg_adapters'])
 def test_import_needs_neither_numba_nor_ros(package):
     code = f'import sys, {package}; sys.exit(bool({{"numba", "rclpy"}} & set(sys.modules)))'

@@ -4,7 +4,6 @@
 """What installs the package: its metadata agree with each other and with the sources."""
 
 import ast
-import configparser
 from importlib import import_module
 import os
 from pathlib import Path
@@ -107,13 +106,6 @@ def test_share_holds_the_marker_the_manifest_and_every_configuration(setup_argum
     assert 'config/paper_fleet.yaml' in data['share/dg_localization/config']
 
 
-def test_ros2_run_finds_the_executables():
-    layout = configparser.ConfigParser()
-    layout.read(REPOSITORY / 'setup.cfg')
-    assert layout['install']['install_scripts'] == '$base/lib/dg_localization'
-    assert layout['develop']['script_dir'] == '$base/lib/dg_localization'
-
-
 def test_every_executable_has_a_function(setup_arguments):
     pytest.importorskip('rclpy', reason='ROS 2 is not installed')
     for script in setup_arguments.entry_points['console_scripts']:
@@ -207,18 +199,6 @@ def test_set_up_does_not_remove_a_folder_that_is_no_environment(tmp_path):
     assert result.returncode != 0
     assert 'exists and is no virtual environment' in result.stderr
     assert (folder / 'thesis.txt').exists()
-
-
-def test_an_absent_recording_skips_or_fails(shared, tmp_path, monkeypatch):
-    shared = type(shared)(tmp_path)
-    (tmp_path / 'there').touch()
-    assert shared / 'there' == tmp_path / 'there'
-    monkeypatch.delenv('DG_REQUIRE_SHARED_DATA', raising=False)
-    with pytest.raises(pytest.skip.Exception, match='missing is absent'):
-        shared / 'missing'
-    monkeypatch.setenv('DG_REQUIRE_SHARED_DATA', '1')
-    with pytest.raises(pytest.fail.Exception, match='DG_REQUIRE_SHARED_DATA=1'):
-        shared / 'missing'
 
 
 @pytest.mark.parametrize(('stated', 'threads'), [({}, '1'), ({'OPENBLAS_NUM_THREADS': '4'}, '4')])

@@ -840,7 +840,7 @@ FLEET = [
     *_in(
         'fleet',
         'frames/headings',
-        SOUND,
+        ('test/fleet/test_headings.py',),
         (
             'the half width of a heading leaves out one side',
             'half_width_rad = angle_up(max(yaw - low, high - yaw))',

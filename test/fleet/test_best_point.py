@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from shapes import random_rotation
+from shapes import in_space, random_rotation
 
 from dg_localization.fleet import (
     Anchor,
@@ -19,47 +19,12 @@ from dg_localization.fleet import (
 )
 
 NOW_S = 10.0
-RANGE_ERROR = 0.03
-RAY_ERROR_RAD = 0.05
 ANCHORS = {2: np.array([[0.0, 0.0], [9.0, 0.0], [2.0, 8.0]])}
 ANCHORS[3] = np.vstack([np.pad(ANCHORS[2], ((0, 0), (0, 1))), [4.0, 4.0, 7.0]])
 
 
-class Fleet:
-    """A fleet of known truth, and a localizer that was told what its sensors read."""
-
-    def __init__(self, seed, dimension=2, robots=4, anchors=True, cameras=False, noise=1.0):
-        rng = np.random.default_rng(seed)
-        self.robots = [f'r{k}' for k in range(robots)]
-        places = ANCHORS[dimension] if anchors else np.zeros((0, dimension))
-        self.anchors = {f'a{k}': Anchor(tuple(place)) for k, place in enumerate(places)}
-        self.positions_m = np.vstack([rng.uniform(0.0, 8.0, (robots, dimension)), places])
-        self.localizer = Localizer(
-            FleetConfig(
-                robots=self.robots,
-                dimension=dimension,
-                anchors=self.anchors,
-                bearing_half_width_rad=RAY_ERROR_RAD,
-            )
-        )
-        frames = [random_rotation(rng, dimension) for _ in self.robots]
-        names = [*self.robots, *self.anchors]
-        for i, j in permutations(range(len(names)), 2):
-            if i >= robots:
-                continue
-            line_m = np.zeros(3)
-            line_m[:dimension] = self.positions_m[j] - self.positions_m[i]
-            error = noise * rng.uniform(-RANGE_ERROR, RANGE_ERROR)
-            range_m = np.linalg.norm(line_m) / (1.0 - error)
-            self.localizer.add_range(names[i], names[j], range_m, NOW_S, NOW_S)
-            if cameras:
-                seen = frames[i].T @ line_m / np.linalg.norm(line_m)
-                tilt = np.zeros(3)
-                tilt[:dimension] = noise * rng.uniform(-0.02, 0.02, dimension)
-                self.localizer.add_bearing(names[i], names[j], seen + tilt, NOW_S, NOW_S)
-
-    def step(self):
-        return self.localizer.step(NOW_S)
+def anchors_of(dimension=2):
+    return {f'a{k}': Anchor(tuple(place)) for k, place in enumerate(ANCHORS[dimension])}
 
 
 def inside(placement):
@@ -74,14 +39,21 @@ def inside(placement):
 @pytest.mark.parametrize('cameras', [True, False])
 def test_right_readings_give_the_true_point(dimension, cameras):
     """Bounds of 3 % are wide; readings that are right all the same find the truth in them."""
-    fleet = Fleet(1, dimension, anchors=True, cameras=cameras, noise=0.0)
-    estimate = fleet.step()
-    off_m = [
-        np.abs(placement.positions_m - fleet.positions_m[:4]).max()
-        for placement in estimate.placements
-    ]
-    assert min(off_m) < 1e-3
-    assert all(placement.proved for placement in estimate.placements)
+    rng, robots, anchors = np.random.default_rng(1), list('rstu'), anchors_of(dimension)
+    truth_m = rng.uniform(0.0, 8.0, (len(robots), dimension))
+    frames = [random_rotation(rng, dimension) for _ in robots]
+    config = FleetConfig(robots, dimension, anchors=anchors, bearing_half_width_rad=0.05)
+    localizer, names = Localizer(config), [*robots, *anchors]
+    places_m = np.vstack([truth_m, ANCHORS[dimension]])
+    for i, j in permutations(range(len(names)), 2):
+        if i < len(robots):
+            line_m = in_space(places_m[j] - places_m[i])
+            localizer.add_range(names[i], names[j], np.linalg.norm(line_m), NOW_S, NOW_S)
+            if cameras:
+                localizer.add_bearing(names[i], names[j], frames[i].T @ line_m, NOW_S, NOW_S)
+    placements = localizer.step(NOW_S).placements
+    assert min(np.abs(one.positions_m - truth_m).max() for one in placements) < 1e-3
+    assert all(placement.proved for placement in placements)
 
 
 def drive(localizer, anchors_m, seconds, sees, drift_rad=0.0, misread=()):
@@ -108,17 +80,15 @@ def drive(localizer, anchors_m, seconds, sees, drift_rad=0.0, misread=()):
     return pose, now_s
 
 
-def driver(memory_s=30.0, **settings):
+def driver(**settings):
     """Return a localizer for a robot whose odometry turns too far, among landmarks."""
-    anchors = {f'a{k}': Anchor(tuple(place)) for k, place in enumerate(ANCHORS[2])}
     error = OdometryErrorModel(
         translation_per_m=0.1, rotation_per_rad=0.3, constant_m=0.02, constant_rad=0.02
     )
     return Localizer(
         FleetConfig(
             ['r'],
-            anchors=anchors,
-            memory_s=memory_s,
+            anchors=anchors_of(),
             memory_max_seconds=math.inf,
             max_age_s=0.4,
             odometry_error=error,
@@ -217,10 +187,8 @@ def test_the_expected_error_moves_the_point_and_not_the_bounds():
     answers = []
     for expected_m in (0.0, 0.4):
         model = RangeErrorModel(0.0, 0.5, 0.0, 0.0, expected_error_m=expected_m)
-        localizer = Localizer(
-            FleetConfig(['r'], anchors=dict(Fleet(0).anchors), range_error=model)
-        )
-        for name, anchor in Fleet(0).anchors.items():
+        localizer = Localizer(FleetConfig(['r'], anchors=anchors_of(), range_error=model))
+        for name, anchor in anchors_of().items():
             range_m = math.dist(anchor.coordinates_m, (3.0, 3.0)) + 0.4
             localizer.add_range('r', name, range_m, NOW_S, NOW_S)
         answers += localizer.step(NOW_S).placements

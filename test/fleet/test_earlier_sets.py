@@ -41,8 +41,8 @@ def restarted(place, yaw):
     return (c * x - s * y + 90.0, s * x + c * y - 40.0, z), yaw + 2.0
 
 
-def drive(memory_s, ranged, end_s, tick_s=1.0, restart_s=math.inf, seen=()):
-    """Yield times and estimates of a robot that ranges anchors, and sees some, while `ranged`."""
+def drive(memory_s, ranged, end_s, tick_s=1.0, restart_s=math.inf):
+    """Yield times and estimates of a robot that ranges anchors while `ranged`."""
     config = FleetConfig(
         ('r',),
         anchors={name: Anchor(place) for name, place in ANCHORS.items()},
@@ -66,10 +66,6 @@ def drive(memory_s, ranged, end_s, tick_s=1.0, restart_s=math.inf, seen=()):
             for name, anchor in ANCHORS.items():
                 far_m = float(np.linalg.norm(pose(time_s)[0] - anchor))
                 localizer.add_range('r', name, far_m, now_s, now_s)
-            for name in seen:
-                x, y = ANCHORS[name] - pose(time_s)[0]
-                c, s = math.cos(pose(time_s)[1]), math.sin(pose(time_s)[1])
-                localizer.add_bearing('r', name, (c * x + s * y, c * y - s * x, 0.0), now_s, now_s)
         if step % round(tick_s / 0.2) == 0:
             yield time_s, localizer.step(now_s)
 

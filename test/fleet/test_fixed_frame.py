@@ -10,6 +10,7 @@ import pytest
 
 from dg_localization import SolverOptions, Verdict
 from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
+from dg_localization.fleet.rotations import yaw_of
 from dg_localization.simulation.moving_fleet import EDGES, ROBOTS, START_POSITIONS_M
 
 NOW_S = 10.0
@@ -60,10 +61,6 @@ def assert_holds(placement, positions, slack=0.05):
     assert (positions >= placement.enclosure_m[:, 0] - 1e-9).all()
     assert (positions <= placement.enclosure_m[:, 1] + 1e-9).all()
     assert np.abs(placement.positions_m - positions).max() < slack
-
-
-def yaw_of(quaternion):
-    return 2.0 * math.atan2(quaternion[2], quaternion[3])
 
 
 def test_without_bearings_both_mirror_images_are_there():
@@ -135,19 +132,6 @@ def test_a_fleet_away_from_the_anchors_has_no_place():
     assert str(group.frame) == 'origin at a, x towards b'
     for placement, sign in zip(group.placements, (1.0, -1.0), strict=True):
         assert_holds(placement, rows(SQUARE) * [1.0, sign])
-
-
-def test_a_robot_without_measurements_does_not_disturb_the_others():
-    localizer = make_localizer([*SQUARE, 'lost'])
-    add_ranges(localizer, SQUARE)
-    estimate = localizer.step(NOW_S)
-    assert 'not connected: lost' in estimate.reason
-    assert estimate.n_hypotheses == 2
-    for placement in estimate.placements:
-        assert np.isnan(placement.positions_m[4]).all()
-        assert placement.enclosure_m[4].tolist() == [[-math.inf] * 2, [math.inf] * 2]
-        assert not placement.heading_known[4]
-        assert np.isfinite(placement.enclosure_m[:4]).all()
 
 
 def test_the_next_robot_stands_in_for_a_silent_reference_robot():

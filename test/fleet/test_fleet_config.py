@@ -74,6 +74,8 @@ def test_a_wrong_setting_is_refused_by_name(wrong, what, wanted):
         (lambda: ElevationErrorModel(0.1, -0.1), 'elevation.min_error_m: 0.1'),
         (lambda: SensorBounds(RangeErrorModel(), 4.0), 'bearing_half_width_rad: 4.0'),
         (lambda: OdometryErrorModel(translation_scale=101.0), 'translation_scale: 101.0'),
+        (lambda: OdometryErrorModel(rotation_per_m=-0.1), 'rotation_per_m: -0.1'),
+        (lambda: OdometryErrorModel(tilt_rad=math.nan), 'tilt_rad: nan'),
         (lambda: Anchor((0.0, 0.0), -1.0), 'anchor.bound_m: -1.0'),
         (lambda: Anchor((0.0, math.nan)), 'anchor.coordinates_m: nan'),
         (lambda: Mount((0.0, 0.0), -1.0), 'mount.bound_m: -1.0'),
@@ -137,19 +139,6 @@ def test_a_memory_shorter_than_stamps_resolve_is_refused(memory_s):
         localizer = Localizer(FleetConfig(('a', 'b'), memory_s=allowed_s))
         assert localizer.add_range('a', 'b', 3.0, 1.7e9, 1.7e9) is None
         assert localizer.step(1.7e9).placements
-
-
-def test_points_are_the_robots_then_the_landmarks():
-    config = FleetConfig(
-        robots=('a', 'b'),
-        anchors={'beacon': Anchor((0.0, 0.0)), 'b': Anchor((1.0, 0.0))},
-        max_speed_m_s=2.0,
-        robot_max_speed_m_s={'a': 0.5},
-    )
-    assert config.points == ('a', 'b', 'beacon')
-    assert config.landmarks == ('beacon',)
-    assert config.reference_robot == 'a'
-    assert [config.speed_m_s(point) for point in config.points] == [0.5, 0.0, 0.0]
 
 
 def test_a_robot_has_odometry_errors_of_its_own_or_those_of_all():

@@ -59,43 +59,6 @@ def localizer_of(places, pairs, **settings):
     return localizer
 
 
-def turned(places, hinge, names, angle_rad, sign=1.0):
-    """Return places with some points turned about another, or mirrored and turned."""
-    center = np.array(places[hinge])
-    rows = [
-        [math.cos(angle_rad), -math.sin(angle_rad)],
-        [math.sin(angle_rad), math.cos(angle_rad)],
-    ]
-    turn = np.array(rows)
-    arms = {name: np.multiply(np.array(places[name]) - center, (1.0, sign)) for name in names}
-    return places | {name: tuple(center + turn @ arm) for name, arm in arms.items()}
-
-
-def in_frame(places, origin, toward):
-    """Return the rows of places with the origin at a point and x to another."""
-    edge = np.subtract(places[toward], places[origin])
-    x, y = edge / np.linalg.norm(edge)
-    return (np.array(list(places.values())) - places[origin]) @ np.array([[x, -y], [y, x]])
-
-
-def is_in(placement, positions_m, slack_m=1e-9):
-    low_m, high_m = placement.enclosure_m[:, 0], placement.enclosure_m[:, 1]
-    return ((low_m - slack_m <= positions_m) & (positions_m <= high_m + slack_m)).all()
-
-
-@pytest.mark.parametrize('sign', [1.0, -1.0])
-def test_every_turn_of_a_hinge_is_enclosed(sign):
-    estimate = localizer_of(TWO_FOURS, within(*FOURS)).step(NOW_S)
-    assert estimate.verdict is Verdict.COVERED
-    # The first four and its mirror image; the second turns through its own.
-    assert estimate.n_hypotheses == len(estimate.placements) == 2
-    assert all(placement.flexible for placement in estimate.placements)
-    for angle_rad in np.linspace(0.0, 6.0, 13):
-        places = turned(TWO_FOURS, 'r4', ('r5', 'r6', 'r7'), angle_rad, sign)
-        positions_m = in_frame(places, 'r1', 'r2')
-        assert any(is_in(placement, positions_m) for placement in estimate.placements)
-
-
 def strip(length):
     """Return the corners of a strip of fours, two by two, and the pairs within the fours."""
     rng = np.random.default_rng(1)

@@ -12,7 +12,7 @@ from dg_localization.fleet import FleetConfig, LinkKey, LinkKind, Localizer, Rej
 START_S = 100.0
 
 
-def watched(value_of, motion, count=30, stamp_s=None, **settings):
+def watched(value_of, motion, count=30, **settings):
     """Return a localizer, and what it says of an input after some readings of it."""
     localizer = Localizer(FleetConfig(('a', 'b'), stuck_readings=10, **settings))
     for step in range(count):
@@ -23,7 +23,7 @@ def watched(value_of, motion, count=30, stamp_s=None, **settings):
             localizer.add_odometry(robot, [x_m, 0.0, 0.0], orientation, now_s, now_s)
         value = value_of(step)
         if isinstance(value, float):
-            localizer.add_range('a', 'b', value, stamp_s or now_s, now_s)
+            localizer.add_range('a', 'b', value, now_s, now_s)
         else:
             localizer.add_bearing('a', 'b', value, now_s, now_s)
     kind = LinkKind.RANGE if isinstance(value, float) else LinkKind.BEARING

@@ -55,10 +55,10 @@ def ray(observer, target, off_rad=0.0):
     return [math.cos(angle), math.sin(angle), 0.0]
 
 
-def feed(localizer, long=(), turned=(), stamp_s=NOW_S, camera_s=None):
+def feed(localizer, turned=(), stamp_s=NOW_S, camera_s=None):
     """Give ranges of all pairs and rays, of the same detections unless `camera_s` is given."""
     for pair in PAIRS:
-        localizer.add_range(*pair, range_m(*pair) + 3.0 * (pair in long), stamp_s, stamp_s)
+        localizer.add_range(*pair, range_m(*pair), stamp_s, stamp_s)
         off = 1.0 + 0.3 * PAIRS.index(pair) if pair in turned else 0.0
         localizer.add_bearing(*pair, ray(*pair, off), camera_s or stamp_s, stamp_s)
 

@@ -157,8 +157,10 @@ def test_an_answer_is_given_for_the_time_up_to_which_odometry_is_known():
     assert Circling(2, memory_s=0.0).localizer.answer_time(5.0) == 5.0
 
 
-def test_without_memory_the_mirror_image_stays():
-    fleet = Circling(3, memory_s=0.0)
+@pytest.mark.parametrize('anchors', [{}, {'a': Anchor((-4.0, -3.0)), 'b': Anchor((5.0, -3.0))}])
+def test_without_memory_the_mirror_image_stays_and_keeps_its_number(anchors):
+    """Beside two anchors both have one shape: only their positions tell them apart."""
+    fleet = Circling(3, memory_s=0.0, anchors=anchors)
     for estimate in fleet.drive(10.0):
         assert estimate.n_hypotheses == 2
         assert not estimate.placements[0].heading_known.any()

@@ -8,7 +8,6 @@ import os
 from pathlib import Path
 import subprocess
 import sys
-from textwrap import dedent
 
 import pytest
 
@@ -35,7 +34,6 @@ def total(array):
 RUN = """
 import json, sys
 import numpy as np
-{before}
 import tiny
 from dg_localization.interval import kernels
 answers = [tiny.total(np.ones(3, dtype=kind)) for kind in sys.argv[1:] or ['f8']]
@@ -59,18 +57,18 @@ class Tiny:
             'NUMBA_DISABLE_JIT': '0',
         }
 
-    def start(self, *kinds, before=''):
+    def start(self, *kinds):
         return subprocess.Popen(
-            [sys.executable, '-c', RUN.format(before=dedent(before)), *kinds],
+            [sys.executable, '-c', RUN, *kinds],
             env=self.environment,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
         )
 
-    def run(self, *kinds, before=''):
+    def run(self, *kinds):
         """Return the answers, how many kernels were loaded and compiled, and any refusal."""
-        process = self.start(*kinds, before=before)
+        process = self.start(*kinds)
         output, errors = process.communicate(timeout=200.0)
         assert process.returncode == 0, errors
         return json.loads(output)

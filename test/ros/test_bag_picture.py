@@ -14,7 +14,6 @@ pytest.importorskip('matplotlib', reason="matplotlib, the extra 'plots', is not 
 from dg_localization.calibration.answers import FleetTruth  # noqa: E402
 from dg_localization.calibration.truth import TrueTrack  # noqa: E402
 from dg_localization.fleet import FleetConfig, Localizer  # noqa: E402
-from dg_localization.ros.bags import picture as picture_module  # noqa: E402
 from dg_localization.ros.bags.picture import ERROR, HEADING, AnswerPicture  # noqa: E402
 
 
@@ -103,12 +102,3 @@ def test_in_space_there_are_three_coordinates():
     answers.add(2)
     assert answers.panels()[1].shape == (4, 4)
     assert answers.picture.columns == ('x [m]', 'y [m]', 'z [m]', ERROR)
-
-
-def test_of_many_answers_only_some_are_drawn(monkeypatch):
-    monkeypatch.setattr(picture_module, 'MOMENTS', 8)
-    answers = Answers(TRIANGLE, *SIDES)
-    answers.add(20)
-    times_s = np.unique(answers.panels()[1][2, 0].lines[1].get_xdata())
-    assert len(times_s) <= 8 and np.diff(times_s) == pytest.approx(times_s[1] - times_s[0])
-    assert times_s[0] == 0.0 and times_s[-1] + times_s[1] > 19 * 0.2

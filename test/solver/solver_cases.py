@@ -197,11 +197,11 @@ class PaperFleet:
             for solution in self.solutions
         ]
 
-    def problem(self, sides=(), chiralities=(), half_width_m2=None):
+    def problem(self, sides=()):
         """Return the problem of the paper's D1."""
-        half = self.half_width_m2 if half_width_m2 is None else half_width_m2
+        half = self.half_width_m2
         ranges = {pair: (value - half, value + half) for pair, value in self.edges.items()}
-        return Problem(*bounds(self.N_POINTS, ranges), sides=sides, chiralities=chiralities)
+        return Problem(*bounds(self.N_POINTS, ranges), sides=sides)
 
     def noisy_problem(self, relative_error, sides=()):
         """Return the problem with every range known to +-`relative_error` of the distance."""

@@ -22,12 +22,8 @@ from dg_localization.solver.contract.reduction import make_workspace
 LAWS = settings(derandomize=True, deadline=None, max_examples=200)
 
 
-def reduce(box, merged=-1, sigma=None, points=None):
+def reduce(box, merged, sigma, points):
     n_points = box.shape[1]
-    if sigma is None:
-        sigma = np.zeros((n_points, n_points), dtype=np.int8)
-    if points is None:
-        points = np.arange(n_points, dtype=np.int64)
     work, count = make_workspace(n_points, 1), len(points)
     pairs = np.ix_(range(4), points, points)
     across = work.across[0]
@@ -40,10 +36,9 @@ def reduce(box, merged=-1, sigma=None, points=None):
     return True
 
 
-def holds(box, squared, slack=0.0):
-    inside = (box[0] * (1 - slack) <= squared) & (squared <= box[1] * (1 + slack))
-    in_gap = (box[2] * (1 + slack) < squared) & (squared < box[3] * (1 - slack))
-    return bool(np.all(inside & ~in_gap))
+def holds(box, squared):
+    inside = (box[0] <= squared) & (squared <= box[1])
+    return bool(np.all(inside & ~((box[2] < squared) & (squared < box[3]))))
 
 
 @LAWS

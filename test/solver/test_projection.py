@@ -28,7 +28,7 @@ LAWS = settings(derandomize=True, deadline=None, max_examples=300)
 UNITS = 1e-14
 
 
-def random_triangles(seed, zero_length=True):
+def random_triangles(seed):
     """Yield boxes (A, B, C) of squared sides as three (low, high), and a triangle inside."""
     rng = np.random.default_rng(seed)
     for _ in range(300):
@@ -38,8 +38,6 @@ def random_triangles(seed, zero_length=True):
             i[1] = a[1] = b[1] = 0  # collinear
         if rng.random() < 0.1:
             i = b
-        if not zero_length and (a == b).all():
-            continue
         scale = 2.0 ** rng.choice([0, 0, -40, 40])
         sides = [float(((p - r) ** 2).sum()) * scale**2 for p, r in ((a, i), (b, i), (a, b))]
         widths = rng.choice([0.0, 1e-9, 0.01, 0.3, 1.0], size=(3, 2)) * rng.random((3, 2))

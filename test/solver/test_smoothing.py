@@ -14,10 +14,8 @@ from dg_localization.solver.contract.triangles import smooth_triangles
 LAWS = settings(derandomize=True, deadline=None, max_examples=200)
 
 
-def smooth(box, points=None):
-    if points is None:
-        points = np.arange(box.shape[1], dtype=np.int64)
-    return smooth_triangles(box, np.zeros_like(box), points)
+def smooth(box):
+    return smooth_triangles(box, np.zeros_like(box), np.arange(box.shape[1], dtype=np.int64))
 
 
 def random_box(seed):
