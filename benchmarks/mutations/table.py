@@ -935,7 +935,7 @@ FLEET = [
     *_in(
         'fleet',
         'odometry_error',
-        ('test/fleet/test_scaled_odometry.py',),
+        ('test/fleet/test_earlier_sets.py',),
         (
             'the scale of odometry is ignored',
             'if self.translation_scale == 1.0:',

@@ -12,7 +12,11 @@ from dg_localization.calibration.bounds import Choice
 from dg_localization.calibration.odometry import fit_odometry, n_excluded, odometry_windows
 from dg_localization.calibration.truth import TrueTrack
 from dg_localization.fleet import OdometryErrorModel
-from dg_localization.fleet.rotations import quaternion_product
+from dg_localization.fleet.rotations import (
+    quaternion_of_yaw,
+    quaternion_product,
+    rotations_about_z,
+)
 from dg_localization.simulation.moving_fleet import (
     FleetMotion,
     FleetOdometry,
@@ -24,18 +28,8 @@ EXACT = Choice(keep=1.0, margin=0.0)
 ROBOT = 2
 
 
-def rotations(yaws):
-    turns = np.zeros((len(yaws), 3, 3))
-    turns[:, 0, 0] = turns[:, 1, 1] = np.cos(yaws)
-    turns[:, 1, 0] = np.sin(yaws)
-    turns[:, 0, 1] = -turns[:, 1, 0]
-    turns[:, 2, 2] = 1.0
-    return turns
-
-
 def quaternions(yaws):
-    zeros = np.zeros(len(yaws))
-    return np.column_stack([zeros, zeros, np.sin(yaws / 2.0), np.cos(yaws / 2.0)])
+    return np.array([quaternion_of_yaw(yaw) for yaw in yaws])
 
 
 def flat(places):
@@ -57,7 +51,7 @@ def windows_of(errors, seed=0, seconds=90.0, scale=1.0):
     return odometry_windows(
         stamps,
         flat([sample.position_m for sample in samples]) / scale,
-        rotations(np.array([sample.yaw_rad for sample in samples])),
+        rotations_about_z(np.array([sample.yaw_rad for sample in samples])),
         truth,
     )
 
@@ -116,7 +110,7 @@ def test_in_the_plane_heights_of_the_truth_are_no_errors(height_m):
     stamps, places, yaws = planar_drive()
     true = places + np.column_stack([0.0 * stamps, 0.0 * stamps, height_m * np.sin(stamps)])
     truth = TrueTrack(stamps, true, quaternions(yaws))
-    windows = odometry_windows(stamps, places, rotations(yaws), truth, dimension=2)
+    windows = odometry_windows(stamps, places, rotations_about_z(yaws), truth, dimension=2)
     assert len(windows.seconds) > 400
     assert exact(fit_odometry(windows, EXACT))
 
@@ -128,9 +122,9 @@ def test_in_the_plane_tilt_of_the_truth_is_no_error(tilt_rad):
     pitch = np.array([0.0, np.sin(tilt_rad / 2.0), 0.0, np.cos(tilt_rad / 2.0)])
     turns = [quaternion_product(yaw, pitch) for yaw in quaternions(yaws)]
     truth = TrueTrack(stamps, places, turns)
-    windows = odometry_windows(stamps, places, rotations(yaws), truth, dimension=2)
+    windows = odometry_windows(stamps, places, rotations_about_z(yaws), truth, dimension=2)
     assert exact(fit_odometry(windows, EXACT))
-    in_space = odometry_windows(stamps, places, rotations(yaws), truth, 3, upright=False)
+    in_space = odometry_windows(stamps, places, rotations_about_z(yaws), truth, 3, upright=False)
     assert fit_odometry(in_space, EXACT).translation_per_m > 0.05
 
 
@@ -138,7 +132,7 @@ def test_in_the_plane_tilt_of_the_truth_is_no_error(tilt_rad):
 def test_one_wrong_stamp_costs_no_memory_and_tells_nothing(stamp_s):
     stamps, places, yaws = planar_drive()
     stamps += 1.7e9
-    turns = rotations(yaws)
+    turns = rotations_about_z(yaws)
     truth = TrueTrack(stamps, places, quaternions(yaws))
     order = [0, *range(len(stamps))] if stamp_s == 0.0 else [*range(len(stamps)), -1]
     mixed = np.sort([*stamps, stamp_s])
@@ -158,7 +152,7 @@ def test_a_pause_repeats_no_window_and_is_in_none():
         np.column_stack([np.interp(known, paused, places[:, axis]) for axis in range(3)]),
         quaternions(np.interp(known, paused, yaws)),
     )
-    windows = odometry_windows(paused, places, rotations(yaws), truth)
+    windows = odometry_windows(paused, places, rotations_about_z(yaws), truth)
     spans = set(zip(windows.begin_s, windows.seconds, strict=True))
     assert len(windows.seconds) == len(spans) > 200
     ends_s = windows.begin_s + windows.seconds
@@ -193,6 +187,6 @@ def test_a_robot_that_stood_still_tells_nothing_better_than_what_is_stated():
     stamps = np.arange(0.0, 60.0, 0.1)
     still = np.zeros((len(stamps), 3))
     truth = TrueTrack(stamps, still, quaternions(np.zeros(len(stamps))))
-    windows = odometry_windows(stamps, still, rotations(np.zeros(len(stamps))), truth)
+    windows = odometry_windows(stamps, still, rotations_about_z(np.zeros(len(stamps))), truth)
     assert not windows.tell_ways and not windows.tell_turns
     assert fit_odometry(windows, EXACT, STATED) == STATED

@@ -9,13 +9,11 @@ import numpy as np
 import pytest
 
 from dg_localization.calibration.truth import TrueTrack, range_errors_m, ray_errors_rad
-from dg_localization.fleet.rotations import quaternion_product
+from dg_localization.fleet.rotations import quaternion_of_yaw, quaternion_product
 
 
 def turned(yaws_rad):
-    half = np.asarray(yaws_rad) / 2.0
-    zeros = np.zeros_like(half)
-    return np.column_stack([zeros, zeros, np.sin(half), np.cos(half)])
+    return np.array([quaternion_of_yaw(yaw_rad) for yaw_rad in yaws_rad])
 
 
 def circle(stamps, radius=2.0, rate=0.5):

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from shapes import holds
 
 from dg_localization.fleet import (
     Anchor,
@@ -19,6 +20,7 @@ from dg_localization.fleet import (
 ANCHORS = {'a': (0.0, 0.0), 'b': (12.0, 0.0), 'c': (12.0, 9.0), 'd': (0.0, 9.0)}
 START_S = 100.0
 ERROR = 0.02
+STATED = OdometryErrorModel(translation_per_m=ERROR, rotation_per_rad=ERROR)
 
 
 def pose(time_s):
@@ -41,7 +43,9 @@ def restarted(place, yaw):
     return (c * x - s * y + 90.0, s * x + c * y - 40.0, z), yaw + 2.0
 
 
-def drive(memory_s, ranged, end_s, tick_s=1.0, restart_s=math.inf):
+def drive(
+    memory_s, ranged, end_s, tick_s=1.0, restart_s=math.inf, odometry=odometry, error=STATED
+):
     """Yield times and estimates of a robot that ranges anchors while `ranged`."""
     config = FleetConfig(
         ('r',),
@@ -49,7 +53,7 @@ def drive(memory_s, ranged, end_s, tick_s=1.0, restart_s=math.inf):
         range_error=RangeErrorModel(-0.1, 0.1, 0.0, 0.0),
         max_speed_m_s=1.0,
         max_turn_rate_rad_s=0.5,
-        odometry_error=OdometryErrorModel(translation_per_m=ERROR, rotation_per_rad=ERROR),
+        odometry_error=error,
         memory_s=memory_s,
         memory_max_seconds=math.inf,
     )
@@ -112,3 +116,19 @@ def test_a_set_that_odometry_does_not_reach_any_more_claims_nothing(tick_s):
             lower, upper = placement.enclosure_m[0]
             assert np.all((lower <= pose(time_s)[0]) & (pose(time_s)[0] <= upper)), time_s
     assert len(estimate.placements) == 1
+
+
+@pytest.mark.parametrize('side', [-1.0, 0.0, 1.0])
+@pytest.mark.parametrize('scale', [0.7, 1.0, 1.3])
+def test_odometry_that_is_scaled_and_errs_at_its_bound_loses_no_truth(scale, side):
+    error = OdometryErrorModel(translation_per_m=0.05, translation_scale=scale)
+
+    def stated(time_s):
+        radius, angle = 2.5 / (scale * (1.0 + 0.0499 * side)), 0.1 * time_s
+        return (radius * math.sin(angle), -radius * math.cos(angle), 0.0), angle
+
+    for time_s, estimate in drive(30.0, lambda t: t < 6.0, 16.0, odometry=stated, error=error):
+        assert holds(estimate, pose(time_s)[0])
+        assert not estimate.forgotten
+    # Ten seconds of it without a look at anything.
+    assert np.ptp(estimate.placements[0].enclosure_m[0], axis=0).max() < 2.5 * scale

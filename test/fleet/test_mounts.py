@@ -131,10 +131,8 @@ def exact_poses(cart, ranges, tag_height_m, placement):
     axes = [np.linspace(low[k], high[k], 41) for k in range(2)]
     offsets = np.linspace(-half_width, half_width, 161)
     x, y, offset = np.meshgrid(*axes, offsets, indexing='ij')
-    c, s = (
-        np.cos(yaw_of(placement.orientations_xyzw[0]) + offset),
-        np.sin(yaw_of(placement.orientations_xyzw[0]) + offset),
-    )
+    yaws_rad = yaw_of(placement.orientations_xyzw[0]) + offset
+    c, s = np.cos(yaws_rad), np.sin(yaws_rad)
     agrees = np.ones(x.shape, dtype=bool)
     for (tag, anchor), range_m in ranges.items():
         (a, b, _), place = cart['tags'][tag], cart['anchors'][anchor]

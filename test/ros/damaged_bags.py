@@ -19,8 +19,8 @@ import sqlite3
 import struct
 
 from mcap.writer import CompressionType, Writer as McapWriter
-from rosbags.rosbag2 import StoragePlugin, Writer
-from small_bags import PERIOD_NS, RANGE, START_NS, STORE, TRIANGLE, range_message
+from rosbags.rosbag2 import StoragePlugin
+from small_bags import PERIOD_NS, RANGE, START_NS, STORE, TRIANGLE, Recorder, range_message
 
 RANGES_M = {f'/{a}/range/{b}': range_m for (a, b), range_m in TRIANGLE.items()}
 STEPS = 9
@@ -64,14 +64,9 @@ def write_bag(path: Path, storage: str) -> None:
 
     """
     plugin = StoragePlugin.SQLITE3 if storage == 'db3' else StoragePlugin.MCAP
-    with Writer(path, version=9, storage_plugin=plugin) as writer:
-        connections = {
-            topic: writer.add_connection(topic, RANGE, typestore=STORE) for topic in RANGES_M
-        }
-        for step in range(STEPS):
-            for topic, range_m in RANGES_M.items():
-                time_ns = START_NS + step * PERIOD_NS
-                writer.write(connections[topic], time_ns, range_message(time_ns, range_m))
+    recorder = Recorder(path, plugin)
+    recorder.write_triangle(range(STEPS))
+    recorder.close()
     if storage != 'db3':
         _rewrite(storage_of(path), checksums=storage == 'mcap', chunks='chunks' not in storage)
 

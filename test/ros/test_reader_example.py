@@ -9,7 +9,6 @@ import subprocess
 import sys
 
 PAGE = Path(__file__).parents[2] / 'docs/answers.md'
-RANGES_M = {('robot_1', 'robot_2'): 3.0, ('robot_1', 'robot_3'): 4.0, ('robot_2', 'robot_3'): 5.0}
 
 
 def test_example_prints_the_answers_while_they_are_new(bench, start_localizer, tmp_path):
@@ -21,14 +20,10 @@ def test_example_prints_the_answers_while_they_are_new(bench, start_localizer, t
     )
     localizer = start_localizer('--params-file', str(parameters))
 
-    def send():
-        for (observer, target), range_m in RANGES_M.items():
-            bench.send_range(observer, target, range_m)
-
     with printed.open('w') as file:
         reader = subprocess.Popen([sys.executable, '-c', code], stdout=file)
     try:
-        bench.repeat(send)
+        bench.play_triangle()
         bench.until(lambda: '2 hypotheses in fleet' in printed.read_text(), 'both hypotheses')
         localizer.process.kill()
         shown = len(printed.read_text())

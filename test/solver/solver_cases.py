@@ -48,6 +48,16 @@ def bounds(n_points, ranges):
     return lower, upper
 
 
+def problem_of(positions, measured, ranges=(), error=1e-9, **constraints):
+    """Return the problem of measured pairs, and of others with their bounds in m^2."""
+    squared = squared_distances(np.asarray(positions, dtype=float))
+    known = {pair: (squared[pair] * (1 - error), squared[pair] * (1 + error)) for pair in measured}
+    for pair, (low, high) in dict(ranges).items():
+        least, most = known.get(pair, (0.0, np.inf))
+        known[pair] = max(low, least), min(high, most)
+    return Problem(*bounds(len(squared), known), len(positions[0]), **constraints)
+
+
 def box_of(lower, upper):
     """Return the solver's box of bounds, without gaps."""
     return np.stack([lower, upper, np.zeros_like(lower), np.zeros_like(lower)])

@@ -14,12 +14,11 @@ import os
 
 import numpy as np
 import pytest
-from solver_cases import bounds, squared_distances
+from solver_cases import problem_of, squared_distances
 
-from dg_localization import Chirality, Problem, Side, SideConstraint, SolverOptions, Verdict, solve
+from dg_localization import Chirality, Side, SideConstraint, SolverOptions, Verdict, solve
 
 COUNTED = int(os.environ.get('DG_PROPERTY_PROBLEMS', '400')) // 2
-EXACT = 1e-9
 APART_M = 2e-3
 
 
@@ -128,16 +127,6 @@ def holds(hypothesis, positions):
     apart_m = np.sqrt(squared_distances(positions))
     least_m, most_m = np.sqrt(hypothesis.lower) - 1e-4, np.sqrt(hypothesis.upper) + 1e-4
     return bool(((least_m <= apart_m) & (apart_m <= most_m)).all())
-
-
-def problem_of(positions, measured, ranges=(), error=EXACT, **constraints):
-    """Return the problem of measured pairs, and of others with their bounds in m^2."""
-    squared = squared_distances(np.asarray(positions, dtype=float))
-    known = {pair: (squared[pair] * (1 - error), squared[pair] * (1 + error)) for pair in measured}
-    for pair, (low, high) in dict(ranges).items():
-        least, most = known.get(pair, (0.0, np.inf))
-        known[pair] = max(low, least), min(high, most)
-    return Problem(*bounds(len(squared), known), len(positions[0]), **constraints)
 
 
 def test_every_placement_is_one_hypothesis():

@@ -4,6 +4,7 @@
 """Parts solved by the workers of an executor: the same answer, stopped as promptly."""
 
 from concurrent.futures import Future, ProcessPoolExecutor
+from itertools import combinations
 from multiprocessing import get_context
 import pickle
 import threading
@@ -11,10 +12,10 @@ import threading
 from joined_cases import missing
 import numpy as np
 import pytest
-from solver_cases import bounds, squared_distances
+from solver_cases import problem_of, squared_distances
 from test_patches import braced_grid
 
-from dg_localization import Problem, SolverOptions, Verdict, solve
+from dg_localization import SolverOptions, Verdict, solve
 
 
 class LaterExecutor:
@@ -64,17 +65,12 @@ def check_same(result, other):
 
 def chain_of_triangles(count):
     """Return triangles and fours, each hinged to the next in one point."""
-    rng = np.random.default_rng(0)
-    ranges = {}
-    last = 0
+    bodies, last = [], 0
     for number in range(count):
-        points = [last, *range(last + 1, last + 3 + number % 2)]
-        places = rng.uniform(0.0, 5.0, (len(points), 2))
-        squared = squared_distances(places)
-        for x, y in np.argwhere(np.triu(squared, 1)).tolist():
-            ranges[points[x], points[y]] = (0.98 * squared[x, y], 1.02 * squared[x, y])
-        last = points[-1]
-    return Problem(*bounds(last + 1, ranges))
+        bodies.append(range(last, last + 3 + number % 2))
+        last = bodies[-1][-1]
+    places = np.random.default_rng(0).uniform(0.0, 5.0, (last + 1, 2))
+    return problem_of(places, [p for body in bodies for p in combinations(body, 2)], error=0.02)
 
 
 PROBLEMS = {

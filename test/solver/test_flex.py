@@ -6,7 +6,7 @@
 from flex import linkage
 import numpy as np
 import pytest
-from solver_cases import bounds, covers, squared_distances
+from solver_cases import bounds, covers, problem_of, squared_distances
 
 from dg_localization import Problem, SolverOptions, Verdict, solve
 
@@ -85,20 +85,17 @@ def test_points_at_one_place_are_as_rigid_as_one_point():
         ([(4, 0), (0, 0), (5, 5)], [(0, 4), (1, 3), (3, 5), (2, 5)]),
     ):
         positions = np.array(triangle + extra, dtype=float)
-        squared = squared_distances(positions)
-        known = [(0, 1), (0, 2), (1, 2), *bars]
-        ranges = {pair: (squared[pair] * 0.9999, squared[pair] * 1.0001) for pair in known}
-        result = solve(Problem(*bounds(len(positions), ranges)))
-        assert result.verdict is Verdict.COVERED and covers(result, squared)
+        result = solve(problem_of(positions, [(0, 1), (0, 2), (1, 2), *bars], error=1e-4))
+        assert result.verdict is Verdict.COVERED
+        assert covers(result, squared_distances(positions))
         assert all(h.proved and not h.flexible for h in result.hypotheses)
     # Two points that hinge about two others at one place.
     positions = np.array([(0, 0), (0, 0), (4, 0), (1, 3)], dtype=float)
-    squared = squared_distances(positions)
     known = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3)]
-    result = solve(Problem(*bounds(4, {pair: (squared[pair],) * 2 for pair in known})))
+    result = solve(problem_of(positions, known, error=0.0))
     assert result.verdict is Verdict.COVERED and result.statistics.processed < 10
     (hypothesis,) = result.hypotheses
-    assert hypothesis.flexible and covers(result, squared)
+    assert hypothesis.flexible and covers(result, squared_distances(positions))
 
 
 def test_what_is_apart_and_at_one_place_contradicts():
@@ -109,9 +106,8 @@ def test_what_is_apart_and_at_one_place_contradicts():
 @pytest.mark.parametrize('error', [1e-9, 1e-4])
 def test_pieces_turn_about_shared_points_in_line(error):
     positions = np.array([(0, 0, 0), (1, 0, 0), (3, 0, 0), (1, 2, 0.5), (0, 1, 2)])
-    squared = squared_distances(positions)
     known = [(0, 1), (0, 2), (1, 2), *((i, j) for i in (0, 1, 2) for j in (3, 4))]
-    ranges = {pair: (squared[pair] * (1 - error), squared[pair] * (1 + error)) for pair in known}
-    result = solve(Problem(*bounds(5, ranges), 3))
-    assert result.verdict is Verdict.COVERED and covers(result, squared)
+    result = solve(problem_of(positions, known, error=error))
+    assert result.verdict is Verdict.COVERED
+    assert covers(result, squared_distances(positions))
     assert all(h.proved and h.flexible for h in result.hypotheses)

@@ -3,10 +3,12 @@
 
 """Answers in pieces: what is joined, how many fleets that makes, and what rules them out."""
 
+from itertools import combinations
+
 from joined_cases import holds
 import numpy as np
 import pytest
-from solver_cases import bounds, squared_distances
+from solver_cases import problem_of, squared_distances
 
 from dg_localization import (
     Chirality,
@@ -20,20 +22,11 @@ TWO_FOURS_M = np.array([[0, 0], [5, 1], [1, 4], [6, 6], [10, 2], [9, 9], [4, 11]
 FOURS = ((0, 1, 2, 3), (3, 4, 5, 6))
 
 
-def known(positions, bodies, relative_error=0.01, apart=(), **constraints):
+def known(positions, bodies, relative_error=0.02, apart=(), **constraints):
     """Return the problem that knows all distances within bodies, and that some are not shorter."""
-    squared = squared_distances(positions)
-    ranges = {}
-    for body in bodies:
-        for i in body:
-            for j in body:
-                if i < j:
-                    ranges[i, j] = (
-                        squared[i, j] * (1 - relative_error) ** 2,
-                        squared[i, j] * (1 + relative_error) ** 2,
-                    )
-    ranges |= {pair: (least, np.inf) for pair, least in dict(apart).items()}
-    return Problem(*bounds(len(positions), ranges), positions.shape[1], **constraints)
+    measured = {pair for body in bodies for pair in combinations(body, 2)}
+    far = {pair: (least, np.inf) for pair, least in dict(apart).items()}
+    return problem_of(positions, measured, far, relative_error, **constraints)
 
 
 def strip_m(length):
