@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any
 
-from msg_adapters.headers import CdrWriter, decoded, stamp_from_message
-from msg_adapters.registry import Adapter, register
+from msg_adapters.headers import CdrWriter, stamp_from_message
+from msg_adapters.registry import register_cdr
 
 TYPE_NAME = 'diagnostic_msgs/msg/DiagnosticArray'
 
@@ -99,5 +99,4 @@ def _status_from_message(status: Any) -> Status:
     )
 
 
-diagnostics_to_message = decoded(TYPE_NAME, diagnostics_to_cdr)
-register(Adapter(TYPE_NAME, Diagnostics, diagnostics_from_message, diagnostics_to_message))
+register_cdr(TYPE_NAME, Diagnostics, diagnostics_from_message, diagnostics_to_cdr)

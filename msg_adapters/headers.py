@@ -10,7 +10,6 @@ is that of all ROS 2 middlewares (OMG CDR, little endian), with padding of zeros
 give equal bytes.
 """
 
-from collections.abc import Callable
 from importlib import import_module
 import struct
 from typing import Any
@@ -84,17 +83,6 @@ def message_class(type_name: str) -> Any:
     """Import the class of a type such as 'geometry_msgs/msg/PoseArray'."""
     package, kind, name = type_name.split('/')
     return getattr(import_module(f'{package}.{kind}'), name)
-
-
-def decoded(type_name: str, to_cdr: Callable[[Any], bytes]) -> Callable[[Any], Any]:
-    """Return what makes messages of values, from what makes their bytes."""
-
-    def to_message(value: Any) -> Any:
-        from rclpy.serialization import deserialize_message
-
-        return deserialize_message(to_cdr(value), message_class(type_name))
-
-    return to_message
 
 
 def stamp_from_message(stamp: Any) -> float:

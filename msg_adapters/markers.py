@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_adapters.headers import CdrWriter, decoded, stamp_from_message, xyz_from_message
-from msg_adapters.registry import Adapter, register
+from msg_adapters.headers import CdrWriter, stamp_from_message, xyz_from_message
+from msg_adapters.registry import register_cdr
 
 TYPE_NAME = 'visualization_msgs/msg/MarkerArray'
 # Actions of visualization_msgs/Marker.
@@ -85,15 +85,7 @@ class MarkerScene:
 
 
 def marker_scene_to_cdr(scene: MarkerScene) -> bytes:
-    """
-    Write a serialized `visualization_msgs/MarkerArray`: first "delete all", then the markers.
-
-    Raises
-    ------
-    ValueError
-        If a marker has not as many colors as points.
-
-    """
+    """Write a serialized `visualization_msgs/MarkerArray`: "delete all", then the markers."""
     writer = CdrWriter()
     writer.uint32(1 + len(scene.markers))
     nothing = Marker('', 0, Shape.NONE, np.zeros((0, 3)), np.zeros((0, 4)), 0.0)
@@ -106,10 +98,6 @@ def marker_scene_to_cdr(scene: MarkerScene) -> bytes:
 def _write_marker(
     writer: CdrWriter, marker: Marker, scene: MarkerScene, action: int, lifetime_s: float
 ) -> None:
-    if len(marker.colors_rgba) != len(marker.points_m):
-        raise ValueError(
-            f'marker {marker.namespace}/{marker.identifier} needs a color for each point'
-        )
     is_text = marker.shape is Shape.TEXT
     writer.header(scene.stamp_s, scene.frame_id)
     writer.string(marker.namespace)
@@ -170,5 +158,4 @@ def _from_message(message: Any) -> Marker:
     )
 
 
-marker_scene_to_message = decoded(TYPE_NAME, marker_scene_to_cdr)
-register(Adapter(TYPE_NAME, MarkerScene, marker_scene_from_message, marker_scene_to_message))
+register_cdr(TYPE_NAME, MarkerScene, marker_scene_from_message, marker_scene_to_cdr)

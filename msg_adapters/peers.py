@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_adapters.headers import CdrWriter, decoded, header_of
-from msg_adapters.registry import Adapter, register
+from msg_adapters.headers import CdrWriter, header_of
+from msg_adapters.registry import register_cdr
 
 TYPE_NAME = 'sensor_msgs/msg/PointCloud2'
 RAY = ('x', 'y', 'z')
@@ -181,5 +181,4 @@ def peers_to_cdr(reading: PeersReading) -> bytes:
     return writer.to_bytes()
 
 
-peers_to_message = decoded(TYPE_NAME, peers_to_cdr)
-register(Adapter(TYPE_NAME, PeersReading, peers_from_message, peers_to_message))
+peers_to_message = register_cdr(TYPE_NAME, PeersReading, peers_from_message, peers_to_cdr)

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_adapters.headers import CdrWriter, decoded, header_of, xyz_from_message, xyzw_from_message
-from msg_adapters.registry import Adapter, register
+from msg_adapters.headers import CdrWriter, header_of, xyz_from_message, xyzw_from_message
+from msg_adapters.registry import register_cdr
 
 POSE_ARRAY = 'geometry_msgs/msg/PoseArray'
-POSE_WITH_COVARIANCE_STAMPED = 'geometry_msgs/msg/PoseWithCovarianceStamped'
+POSE_WITH_COVARIANCE = 'geometry_msgs/msg/PoseWithCovarianceStamped'
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,17 +103,7 @@ def pose_array_to_cdr(poses: PoseList) -> bytes:
 
 
 def uncertain_pose_to_cdr(estimate: UncertainPose) -> bytes:
-    """
-    Write a serialized `geometry_msgs/PoseWithCovarianceStamped`.
-
-    Raises
-    ------
-    ValueError
-        If the covariance is not of shape (6, 6).
-
-    """
-    if np.shape(estimate.covariance) != (6, 6):
-        raise ValueError(f'covariance has shape {np.shape(estimate.covariance)}, not (6, 6)')
+    """Write a serialized `geometry_msgs/PoseWithCovarianceStamped`."""
     writer = CdrWriter(estimate.stamp_s, estimate.frame_id)
     writer.numbers(estimate.position_xyz, estimate.orientation_xyzw, estimate.covariance)
     return writer.to_bytes()
@@ -166,13 +156,9 @@ def transforms_to_cdr(transforms: Sequence[Transform]) -> bytes:
     return writer.to_bytes()
 
 
-pose_array_to_message = decoded(POSE_ARRAY, pose_array_to_cdr)
-register(Adapter(POSE_ARRAY, PoseList, pose_array_from_message, pose_array_to_message))
-register(
-    Adapter(
-        POSE_WITH_COVARIANCE_STAMPED,
-        UncertainPose,
-        uncertain_pose_from_message,
-        decoded(POSE_WITH_COVARIANCE_STAMPED, uncertain_pose_to_cdr),
-    )
+pose_array_to_message = register_cdr(
+    POSE_ARRAY, PoseList, pose_array_from_message, pose_array_to_cdr
+)
+register_cdr(
+    POSE_WITH_COVARIANCE, UncertainPose, uncertain_pose_from_message, uncertain_pose_to_cdr
 )

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_adapters.headers import CdrWriter, decoded, header_of, xyz_from_message, xyzw_from_message
-from msg_adapters.registry import Adapter, register
+from msg_adapters.headers import CdrWriter, header_of, xyz_from_message, xyzw_from_message
+from msg_adapters.registry import register_cdr
 
 RANGE = 'sensor_msgs/msg/Range'
 BEARING = 'geometry_msgs/msg/Vector3Stamped'
@@ -209,11 +209,9 @@ def elevation_to_cdr(reading: ElevationReading) -> bytes:
     return writer.to_bytes()
 
 
-range_to_message = decoded(RANGE, range_to_cdr)
-bearing_to_message = decoded(BEARING, bearing_to_cdr)
-odometry_to_message = decoded(ODOMETRY, odometry_to_cdr)
-elevation_to_message = decoded(ELEVATION, elevation_to_cdr)
-register(Adapter(RANGE, RangeReading, range_from_message, range_to_message))
-register(Adapter(BEARING, BearingReading, bearing_from_message, bearing_to_message))
-register(Adapter(ODOMETRY, OdometryReading, odometry_from_message, odometry_to_message))
-register(Adapter(ELEVATION, ElevationReading, elevation_from_message, elevation_to_message))
+range_to_message = register_cdr(RANGE, RangeReading, range_from_message, range_to_cdr)
+bearing_to_message = register_cdr(BEARING, BearingReading, bearing_from_message, bearing_to_cdr)
+odometry_to_message = register_cdr(
+    ODOMETRY, OdometryReading, odometry_from_message, odometry_to_cdr
+)
+register_cdr(ELEVATION, ElevationReading, elevation_from_message, elevation_to_cdr)

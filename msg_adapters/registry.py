@@ -98,3 +98,20 @@ def adapter_for(type_name: str) -> Adapter:
 def known_types() -> list[str]:
     """Return the names of all message types that have an adapter, sorted."""
     return sorted(_adapters)
+
+
+def register_cdr(
+    type_name: str,
+    value_class: type,
+    from_message: Callable[[Any], Any],
+    to_cdr: Callable[[Any], bytes],
+) -> Callable[[Any], Any]:
+    """Add an adapter that writes the bytes of messages; return what makes messages of values."""
+
+    def to_message(value: Any) -> Any:
+        from rclpy.serialization import deserialize_message
+
+        return deserialize_message(to_cdr(value), message_class(type_name))
+
+    register(Adapter(type_name, value_class, from_message, to_message))
+    return to_message

@@ -8,8 +8,10 @@ The narrowest bounds that keep a chosen share of the readings, widened by a marg
 what was seen is never all that can happen.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 import math
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +27,20 @@ SLOPES, STEPS = 21, 5
 
 WORTH_A_SLOPE = 0.9
 """Bounds with a slope have to be narrower than others by this factor."""
+
+
+class Columns:
+    """A table: the fields of a dataclass are arrays with a row for each of the same things."""
+
+    def chosen(self, rows: NDArray[np.bool_]) -> Self:
+        """Return some of the rows."""
+        return type(self)(*(column[rows] for column in vars(self).values()))
+
+    @classmethod
+    def joined(cls, parts: Iterable[Self]) -> Self:
+        """Return the rows of all parts, at least one."""
+        columns = zip(*(vars(part).values() for part in parts), strict=True)
+        return cls(*map(np.concatenate, columns))
 
 
 @dataclass(frozen=True)

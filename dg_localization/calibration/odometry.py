@@ -9,14 +9,14 @@ of the measured steps along the true headings, so that an error of the heading d
 as one of the way.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dg_localization.calibration.bounds import DECIMALS, Choice, n_kept, without_turns
+from dg_localization.calibration.bounds import DECIMALS, Choice, Columns, n_kept, without_turns
 from dg_localization.calibration.truth import TrueTrack, without_heights, without_tilt
 from dg_localization.fleet import FleetConfig
 from dg_localization.fleet.odometry_error import LEAST_SCALE, MOST_SCALE, OdometryErrorModel
@@ -48,7 +48,7 @@ SLOPES = np.linspace(0.0, 1.0, 401)
 
 
 @dataclass(frozen=True)
-class OdometryWindows:
+class OdometryWindows(Columns):
     """
     Windows of odometry beside the truth.
 
@@ -87,18 +87,6 @@ class OdometryWindows:
     def tell_turns(self) -> bool:
         """Whether the robot turned far enough to tell the errors of turns."""
         return bool(self.turn_rad.max() >= TURN_RAD)
-
-    def where_known(self) -> 'OdometryWindows':
-        """Return the windows whose truth is known."""
-        columns = np.column_stack([getattr(self, field.name) for field in fields(self)])
-        rows = np.isfinite(columns).all(axis=1)
-        return OdometryWindows(*(getattr(self, field.name)[rows] for field in fields(self)))
-
-    @classmethod
-    def joined(cls, parts: Iterable['OdometryWindows']) -> 'OdometryWindows':
-        """Return the windows of all parts, at least one."""
-        columns = [[getattr(part, field.name) for field in fields(cls)] for part in parts]
-        return cls(*(np.concatenate(column) for column in zip(*columns, strict=True)))
 
 
 def n_excluded(model: OdometryErrorModel, windows: OdometryWindows) -> int:
@@ -172,7 +160,8 @@ def odometry_windows(
             true_m[last] - true_m[first],
             np.abs(error_rad),
         )
-        parts.append(found.where_known())
+        columns = np.column_stack([*vars(found).values()])
+        parts.append(found.chosen(np.asarray(np.isfinite(columns).all(axis=1))))
     return OdometryWindows.joined(parts)
 
 

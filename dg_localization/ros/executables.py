@@ -110,6 +110,21 @@ def print_result(text: str) -> None:
         raise ExecutableError(f'the result cannot be printed: {error.strerror}') from error
 
 
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Name what cannot be written: a full disk does not."""
+    try:
+        yield
+    except OSError as error:
+        raise ExecutableError(f'{path} cannot be written: {error.strerror or error}') from error
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file, such as a report."""
+    with writing(path):
+        path.write_text(text, encoding='utf-8')
+
+
 def make_progress(total_s: float) -> Any:
     """Return a bar over seconds of a bag, with `update` and `close`; without tqdm, no bar."""
     if find_spec('tqdm') is None:

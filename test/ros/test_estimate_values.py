@@ -27,7 +27,7 @@ from dg_localization.fleet import (
     Suspect,
     SuspectKind,
 )
-from dg_localization.ros.interface.diagnostics import Malformed, statuses
+from dg_localization.ros.interface.diagnostics import statuses
 from dg_localization.ros.interface.links import Link
 from dg_localization.ros.interface.outputs import (
     CONTRADICTING_RGBA,
@@ -42,6 +42,7 @@ from dg_localization.ros.interface.poses import (
     frame_id,
     unique_pose,
 )
+from dg_localization.ros.interface.report import Malformed
 from msg_adapters import Level, Shape
 
 ROBOTS = ('a', 'b')

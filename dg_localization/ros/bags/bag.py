@@ -179,7 +179,11 @@ class Topic:
     @property
     def message_class(self) -> type | None:
         """The installed class of its messages, if there is one."""
-        return find_message_class(self.type_names[0])
+        name = self.type_names[0]
+        try:
+            return message_class(name) if TYPE_NAME.fullmatch(name) else None
+        except (ImportError, AttributeError):
+            return None
 
 
 class Bag:
@@ -361,14 +365,6 @@ def open_bag(path: Path) -> Iterator[Bag]:
             yield bag
         except BagError as error:
             raise BagError('\n'.join([str(error), *bag.damage])) from error
-
-
-def find_message_class(type_name: str) -> type | None:
-    """Import a message class by its type name; None where it is not installed."""
-    try:
-        return message_class(type_name) if TYPE_NAME.fullmatch(type_name) else None
-    except (ImportError, AttributeError):
-        return None
 
 
 def in_seconds(time_ns: int) -> float:

@@ -7,7 +7,7 @@ from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from operator import attrgetter
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +29,6 @@ from dg_localization.fleet import (
     FleetConfig,
     LinkKey,
     LinkKind,
-    OdometryErrorModel,
-    RangeErrorModel,
     SensorBounds,
 )
 from dg_localization.ros.bags.bag import BagError
@@ -54,8 +52,9 @@ GAP_S, NAMED = 1.0, 20
 DELAYS_S, STEP_S, EXPLAINED = (0.02, 1.0), 0.05, 0.5
 
 
-# Latencies, gaps and tilts of odometry are not seen.
-NOT_LEARNED = ('latency', 'max_gap', 'restart_gap', 'tilt')
+# Latencies, gaps and tilts of odometry are not seen, nor which readings of a radio are none.
+NOT_LEARNED = {'latency', 'max_gap', 'restart_gap', 'tilt'}
+NOT_LEARNED |= {'beyond_max_is_far', 'min_reading', 'max_reading'}
 
 
 class GroupFit(NamedTuple):
@@ -152,15 +151,9 @@ def _gathered(errors: Mapping[LinkKey, Errors], kind: LinkKind, per: str) -> dic
     }
 
 
-def range_parameters(model: RangeErrorModel) -> dict[str, float]:
-    """Return the errors of a model by the names of the parameters of the node."""
-    numbers = parameters_of(model, 'range.')
-    return {name: x for name, x in numbers.items() if 'error' in name or name == 'sigma_factor'}
-
-
-def odometry_parameters(model: OdometryErrorModel) -> dict[str, float]:
-    """Return what is learned of odometry by the names of the parameters; the rest stays stated."""
-    numbers = parameters_of(model, 'odometry.')
+def bounds_of(model: Any, prefix: str) -> dict[str, float]:
+    """Return what is learned of a model by the names of the parameters; the rest stays stated."""
+    numbers = parameters_of(model, prefix)
     return {name: x for name, x in numbers.items() if name not in NOT_LEARNED}
 
 
@@ -200,9 +193,9 @@ def fit(
         return learned
     odometry = learn_odometry(gatherer.odometry, fleet, truth.tracks, choice, of_each=per != 'all')
     if odometry.of_all is not None:
-        learned.odometry = odometry_parameters(odometry.of_all)
+        learned.odometry = bounds_of(odometry.of_all, 'odometry.')
     learned.robot_odometry = {
-        robot: odometry_parameters(model) for robot, model in odometry.of_robots.items()
+        robot: bounds_of(model, 'odometry.') for robot, model in odometry.of_robots.items()
     }
     learned.notes += odometry.notes
     if not (learned.judged or learned.odometry):
@@ -247,7 +240,7 @@ def _known_group(
 
     learned, median = learn(one), float(np.median(one.errors))
     if kind is LinkKind.RANGE:
-        bounds, seen = range_parameters(learned.range_error), f'median {median:.2f}'
+        bounds, seen = bounds_of(learned.range_error, 'range.'), f'median {median:.2f}'
     else:
         bounds, seen = {'half_width': learned.bearing_half_width_rad}, f'median {median:.3f}'
         if dimension == 2:
@@ -303,7 +296,7 @@ def _scatter_group(kind: LinkKind, one: Errors, choice: Choice, stated: SensorBo
         if extra_m > 0.0:
             text += f', too wide for the stated bounds, {stated_m.min():.2f} m apart: widened'
         wide_m = rounded_outward((model.min_error_m - extra_m, model.max_error_m + extra_m))
-        bounds = range_parameters(model)
+        bounds = bounds_of(model, 'range.')
         bounds |= dict(zip(('min_error', 'max_error'), wide_m, strict=True))
     return GroupFit(bounds, excluded, f'{text}; {_percent(excluded, one)} excluded')
 

@@ -21,13 +21,12 @@ import tempfile
 from dg_localization.calibration.bounds import Choice
 from dg_localization.fleet import FleetConfig, LinkKind
 from dg_localization.ros.bags.bag import Bag, in_seconds, open_bag
-from dg_localization.ros.bags.fit import GROUPS, LearnedBounds, fit, range_parameters
+from dg_localization.ros.bags.fit import GROUPS, LearnedBounds, bounds_of, fit
 from dg_localization.ros.bags.offline import RecordedInputs, Task, find_inputs, read_task
 from dg_localization.ros.bags.reading import Reading
 from dg_localization.ros.bags.report import Tree
 from dg_localization.ros.bags.samples import Gatherer
 from dg_localization.ros.bags.truth import read_truth
-from dg_localization.ros.bags.writer import parameters_text, yaml_value
 from dg_localization.ros.executables import (
     EXIT_CODES,
     EXIT_FAILED,
@@ -39,7 +38,8 @@ from dg_localization.ros.executables import (
     print_result,
 )
 from dg_localization.ros.interface.intake import Intake
-from dg_localization.ros.interface.links import KINDS, STAMP_OFFSET, Link
+from dg_localization.ros.interface.links import BEARING_FIELDS, KINDS, STAMP_OFFSET, Link
+from dg_localization.ros.interface.parameters.settings import parameters_text, yaml_value
 from dg_localization.ros.spinning import own_arguments
 
 
@@ -199,11 +199,8 @@ def _kept_links(fit: LearnedBounds, links: Iterable[Link]) -> Iterator[str]:
 def _of_fleet(kind: LinkKind, fleet: FleetConfig) -> dict[str, float]:
     """Return the bounds that are stated of all ranges or of all bearings."""
     if kind is LinkKind.BEARING:
-        return {
-            'half_width': fleet.bearing_half_width_rad,
-            'expected_error': fleet.bearing_expected_error_rad,
-        }
-    return range_parameters(fleet.range_error)
+        return {name: getattr(fleet, field) for name, field in BEARING_FIELDS.items()}
+    return bounds_of(fleet.range_error, 'range.')
 
 
 def _widest(stated: Mapping[str, float], learned: Mapping[str, float]) -> dict[str, float]:

@@ -25,7 +25,14 @@ from typing import Any
 
 from dg_localization.fleet import solver_warnings, warm_up
 from dg_localization.ros.bags.bag import NS_PER_S, Bag, BagError, in_seconds, open_bag
-from dg_localization.ros.bags.offline import BagLocalizer, Task, find_inputs, read_task, timeline
+from dg_localization.ros.bags.offline import (
+    BagLocalizer,
+    Task,
+    find_inputs,
+    new_bag,
+    read_task,
+    timeline,
+)
 from dg_localization.ros.bags.picture import PICTURES, AnswerPicture, as_page, check_can_draw
 from dg_localization.ros.bags.reading import Reading
 from dg_localization.ros.bags.report import (
@@ -41,7 +48,6 @@ from dg_localization.ros.bags.report import (
 )
 from dg_localization.ros.bags.truth import read_truth
 from dg_localization.ros.bags.truth_tally import TruthTally
-from dg_localization.ros.bags.writer import new_bag, write_text, writing
 from dg_localization.ros.executables import (
     EXIT_CODES,
     EXIT_FAILED,
@@ -56,6 +62,8 @@ from dg_localization.ros.executables import (
     print_line,
     print_result,
     stop_request,
+    write_text,
+    writing,
 )
 from dg_localization.ros.spinning import own_arguments
 

@@ -1,26 +1,33 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the node does, without the node: in the time of a bag, into another bag."""
+"""
+What the node does, without the node: in the time of a bag, into another bag.
+
+That is an .mcap, by the package rosbags: equal messages give equal bytes.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 import math
 import os
 from pathlib import Path
+import shutil
+from typing import Any
 
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
 from dg_localization.fleet import Cancel, Estimate, Localizer
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.ros.bags.bag import NS_PER_S, BagError, in_seconds
 from dg_localization.ros.bags.reading import BagMessage
-from dg_localization.ros.bags.writer import BagWriter
-from dg_localization.ros.interface.diagnostics import Report, statuses
+from dg_localization.ros.executables import writing
+from dg_localization.ros.interface.diagnostics import statuses
 from dg_localization.ros.interface.discovery import TopicFinder
 from dg_localization.ros.interface.intake import Intake
 from dg_localization.ros.interface.links import Link
@@ -31,6 +38,7 @@ from dg_localization.ros.interface.outputs import (
     outline,
 )
 from dg_localization.ros.interface.parameters.settings import Settings, declare_settings
+from dg_localization.ros.interface.report import Report
 from dg_localization.ros.spinning import ros_arguments_checked
 from msg_adapters import Diagnostics, Status
 from msg_adapters.diagnostics import diagnostics_to_cdr
@@ -40,6 +48,9 @@ SILENCE_NS = 60 * NS_PER_S
 
 AFTER_LAST_NS = 10 * NS_PER_S
 """For how long into a gap answers go on, so that the last ones are not taken to be fresh."""
+
+# How rosbag2 writes a duration without limit.
+FOREVER = (2**31 - 1, 2**32 - 1)
 
 DISCOVERY = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 
@@ -147,6 +158,78 @@ def _wrong_with(link: Link, recorded: Mapping[str, Sequence[str]]) -> str:
         others = ' and '.join(kinds)
         return f'{link.topic} is passed over: {says} says {link.type_name}, the bag {others}'
     return ''
+
+
+class BagWriter:
+    """Writes serialized messages with an open writer of rosbags; `new_bag` makes one."""
+
+    def __init__(self, writer: Any, path: Path) -> None:
+        from rosbags.typesys import Stores, get_typestore
+
+        self.is_empty = True
+        self._writer = writer
+        self._path = path
+        self._types = get_typestore(Stores.ROS2_JAZZY)
+        self._connections: dict[str, Any] = {}
+
+    def add_output(self, topic: str, message_class: type, profile: QoSProfile) -> None:
+        """Add a topic, offered with `profile` when the bag is played."""
+        package = message_class.__module__.partition('.')[0]
+        self._connections[topic] = self._writer.add_connection(
+            topic,
+            f'{package}/msg/{message_class.__name__}',
+            typestore=self._types,
+            offered_qos_profiles=[_recorded_qos(profile)],
+        )
+
+    def write(self, topic: str, time_ns: int, data: bytes) -> None:
+        """Write a serialized message on a topic that was added."""
+        with writing(self._path):
+            self._writer.write(self._connections[topic], time_ns, data)
+        self.is_empty = False
+
+
+@contextmanager
+def new_bag(path: Path) -> Iterator[BagWriter]:
+    """Make a bag; whatever ends the block, the answers that were written are kept."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    # Version 9 is Jazzy's.
+    writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
+    with writing(path):
+        writer.open()
+    bag_writer = BagWriter(writer, path)
+    try:
+        yield bag_writer
+    except BaseException:
+        if bag_writer.is_empty:
+            writer.abort()
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            # On a full disk the end cannot be written either; what is there is left as it is.
+            with suppress(OSError):
+                writer.close()
+        raise
+    with writing(path):
+        writer.close()
+
+
+def _recorded_qos(profile: QoSProfile) -> Any:
+    """Return a profile as a bag keeps it."""
+    from rosbags import interfaces
+
+    forever = interfaces.QosTime(*FOREVER)
+    return interfaces.Qos(
+        history=interfaces.QosHistory.KEEP_LAST,
+        depth=profile.depth,
+        reliability=interfaces.QosReliability[profile.reliability.name],
+        durability=interfaces.QosDurability[profile.durability.name],
+        deadline=forever,
+        lifespan=forever,
+        liveliness=interfaces.QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=forever,
+        avoid_ros_namespace_conventions=False,
+    )
 
 
 class BagLocalizer:

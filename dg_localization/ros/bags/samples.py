@@ -4,7 +4,7 @@
 """What a bag holds of every input, for learning error bounds, and the errors of it."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 import math
 from typing import Any, TypeAlias
@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.calibration.bounds import residuals
+from dg_localization.calibration.bounds import Columns, residuals
 from dg_localization.calibration.odometry import Piece
 from dg_localization.calibration.truth import TrueTrack, range_errors_m, ray_errors_rad
 from dg_localization.fleet import (
@@ -98,7 +98,7 @@ class Gatherer(Localizer):
 
 
 @dataclass(frozen=True, eq=False)
-class Errors:
+class Errors(Columns):
     """
     The errors of some readings, oldest first, each with shape (m,).
 
@@ -109,16 +109,6 @@ class Errors:
     values: FloatArray
     errors: FloatArray
     links: NDArray[np.str_]
-
-    def chosen(self, rows: NDArray[np.bool_]) -> 'Errors':
-        """Return some of them."""
-        return Errors(self.stamps_s[rows], self.values[rows], self.errors[rows], self.links[rows])
-
-    @classmethod
-    def joined(cls, parts: Iterable['Errors']) -> 'Errors':
-        """Return the readings of all parts."""
-        columns = [(part.stamps_s, part.values, part.errors, part.links) for part in parts]
-        return cls(*map(np.concatenate, zip(*columns, strict=True)))
 
 
 def errors_of(

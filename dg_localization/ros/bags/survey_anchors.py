@@ -21,7 +21,6 @@ import numpy as np
 from dg_localization.fleet import Anchor, Estimate, FleetConfig, Localizer, RangeErrorModel
 from dg_localization.fleet.config import ConfigError
 from dg_localization.ros.bags.truth import split_table
-from dg_localization.ros.bags.writer import parameters_text
 from dg_localization.ros.executables import (
     EXIT_FAILED,
     UsageError,
@@ -29,6 +28,7 @@ from dg_localization.ros.executables import (
     print_line,
     print_result,
 )
+from dg_localization.ros.interface.parameters.settings import parameters_text
 from dg_localization.ros.spinning import own_arguments
 
 NOW_S = 1.0

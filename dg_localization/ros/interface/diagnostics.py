@@ -11,7 +11,6 @@ import numpy as np
 from dg_localization.fleet import Estimate, Group, LinkKind, Placement
 from dg_localization.fleet.rotations import yaw_of
 from dg_localization.ros.interface.report import (
-    Malformed,
     Report,
     input_statuses,
     listed,
@@ -20,8 +19,6 @@ from dg_localization.ros.interface.report import (
 )
 from dg_localization.solver.result import Verdict
 from msg_adapters import Level, Status
-
-__all__ = ['Malformed', 'Report', 'shortened', 'statuses']
 
 # The topics hold everything; the diagnostics show a person the first few.
 LISTED = 8

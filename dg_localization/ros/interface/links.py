@@ -54,8 +54,7 @@ RANGE_FIELDS = fields_of(RangeErrorModel, 'range.')
 del RANGE_FIELDS['beyond_max_is_far']
 RANGE_BOUNDS = tuple(name for name in RANGE_FIELDS if not name.startswith('expected_error'))
 BEARING_FIELDS = {
-    'half_width': 'bearing_half_width_rad',
-    'expected_error': 'bearing_expected_error_rad',
+    name.removeprefix('bearing.'): field for name, field in fields_of(SensorBounds).items()
 }
 ELEVATION_FIELDS = fields_of(ElevationErrorModel, 'elevation.')
 # Peers may be ranges, too, which have bounds of these names.

@@ -31,7 +31,7 @@ from dg_localization.fleet import (
     warm_up,
     warm_up_status,
 )
-from dg_localization.ros.interface.diagnostics import Report, shortened, statuses
+from dg_localization.ros.interface.diagnostics import statuses
 from dg_localization.ros.interface.intake import Intake
 from dg_localization.ros.interface.links import Link
 from dg_localization.ros.interface.outputs import (
@@ -44,6 +44,7 @@ from dg_localization.ros.interface.outputs import (
 )
 from dg_localization.ros.interface.parameters.settings import Settings, declare_settings
 from dg_localization.ros.interface.poses import Tracks, transforms
+from dg_localization.ros.interface.report import Report, shortened
 from dg_localization.ros.node.clock import NodeTime, Pace, RateMeter
 from dg_localization.ros.node.inputs import Inputs
 from dg_localization.ros.node.lifecycle import FleetLog, LiveParameters, ManagedNode, transition

@@ -27,10 +27,6 @@ PATIENCE = 5.0
 LEAST_PATIENCE_S = 10.0
 
 
-def _nothing() -> None:
-    """Do nothing."""
-
-
 class EstimateWorker(Generic[A]):
     """
     Runs one estimate at a time; all methods are called from the executor's thread.
@@ -58,8 +54,8 @@ class EstimateWorker(Generic[A]):
         self,
         estimate: Callable[[Snapshot, Event], A],
         wake: Callable[[], None],
-        warm_up: Callable[[], None] = _nothing,
-        warm: Callable[[], None] = _nothing,
+        warm_up: Callable[[], None] = lambda: None,
+        warm: Callable[[], None] = lambda: None,
     ) -> None:
         self._estimate = estimate
         self._wake = wake

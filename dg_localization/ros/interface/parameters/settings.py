@@ -8,8 +8,10 @@ from dataclasses import dataclass
 from importlib import import_module
 import math
 import re
+from textwrap import wrap
 from typing import Any
 
+import numpy as np
 from rclpy.node import Node
 
 from dg_localization.fleet import (
@@ -46,6 +48,9 @@ from dg_localization.solver.options import SolverOptions
 # For how many periods an answer counts as new, and for how long at least.
 LIFETIME_PERIODS = 3.0
 LEAST_LIFETIME_S = 1.0
+
+# How wide the comments in a file of parameters are.
+WIDTH = 98
 
 # By field of the fleet, what parameters with a prefix state together.
 MODELS: Mapping[str, tuple[type, str]] = {
@@ -313,3 +318,30 @@ def parameters_of(model: Any, prefix: str) -> dict[str, float]:
     """Return the bounds that are stated, by the names of the parameters without their prefix."""
     numbers = {name: getattr(model, field) for name, field in fields_of(model, prefix).items()}
     return {name: float(x) for name, x in numbers.items() if x not in (None, math.inf)}
+
+
+def parameters_text(comments: Iterable[str], parameters: Mapping[str, Any]) -> str:
+    """Return a file of parameters of the node; sections without any are left out."""
+    lines = [
+        line for text in comments for line in wrap(f'# {text}', WIDTH, subsequent_indent='#   ')
+    ]
+    return '\n'.join([*lines, '/**:', '  ros__parameters:', *_yaml(parameters, '    ')])
+
+
+def _yaml(tree: Mapping[str, Any], indent: str) -> Iterator[str]:
+    for name, value in tree.items():
+        if isinstance(value, Mapping) and value:
+            yield f'{indent}{name}:'
+            yield from _yaml(value, f'{indent}  ')
+        elif isinstance(value, list) and value and isinstance(value[0], str):
+            yield f'{indent}{name}:'
+            yield from (f"{indent}  - '{text}'" for text in value)
+        elif value or isinstance(value, float):
+            yield f'{indent}{name}: {yaml_value(value)}'
+
+
+def yaml_value(value: Any) -> str:
+    """Return a value; a number is read as one with a fraction, and as the same."""
+    if isinstance(value, list):
+        return f'[{", ".join(map(yaml_value, value))}]'
+    return np.format_float_positional(value, trim='0')
