@@ -6,14 +6,10 @@
 import os
 from pathlib import Path
 import runpy
-import sys
 import tempfile
 from types import SimpleNamespace
 
 import pytest
-
-# Makes `message_stand_ins` importable: pytest's importlib mode leaves sys.path alone.
-sys.path.insert(0, str(Path(__file__).parent))
 
 REPOSITORY = Path(__file__).parents[1]
 REQUIRE_SHARED_DATA = 'DG_REQUIRE_SHARED_DATA'

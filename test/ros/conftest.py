@@ -28,6 +28,7 @@ from geometry_msgs.msg import (  # noqa: E402
     Vector3Stamped,
 )
 from lifecycle_msgs.srv import ChangeState, GetState  # noqa: E402
+from processes import start  # noqa: E402
 import rclpy  # noqa: E402
 from rclpy.context import Context  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
@@ -50,10 +51,6 @@ from msg_adapters import (  # noqa: E402
     adapter_for,
     register,
 )
-
-# Makes `uwb_recording` importable: pytest's importlib mode leaves sys.path alone.
-sys.path.insert(0, str(Path(__file__).parent))
-from processes import start  # noqa: E402
 
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 TRIANGLE = {('robot_1', 'robot_2'): 3.0, ('robot_1', 'robot_3'): 4.0, ('robot_2', 'robot_3'): 5.0}

@@ -13,7 +13,9 @@ from dataclasses import dataclass, field, make_dataclass
 from pathlib import Path
 import runpy
 import sys
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
+
+BOOLEANS = {'true': True, 'false': False}
 
 
 class MissingArgumentError(Exception):
@@ -108,34 +110,6 @@ def required(entities):
 
 
 @dataclass
-class Process:
-    """What a node would be started with."""
-
-    package: str
-    executable: str
-    namespace: str
-    arguments: list
-    parameters: dict
-    files: list
-    remappings: list
-    ends_all: bool
-
-    @property
-    def ros_arguments(self):
-        """The command line after the name of the executable, as launch_ros makes it."""
-        line = [*self.arguments, '--ros-args']
-        if self.namespace:
-            line += ['-r', f'__ns:=/{self.namespace}']
-        for path in self.files:
-            line += ['--params-file', path]
-        for name, value in self.parameters.items():
-            line += ['-p', f'{name}:={str(value).lower()}']
-        for source, target in self.remappings:
-            line += ['-r', f'{source}:={target}']
-        return line
-
-
-@dataclass
 class Node:
     package: str
     executable: str
@@ -148,25 +122,40 @@ class Node:
     on_exit: object = None
 
     def visit(self, context):
+        """Add the process to start, with all substitutions performed."""
         if not context.holds(self.condition):
             return
-        values = [entry for entry in self.parameters if isinstance(entry, dict)]
+        files, values = [], {}
+        for entry in self.parameters:
+            if isinstance(entry, dict):
+                values |= {name: BOOLEANS[context.text(one.value)] for name, one in entry.items()}
+            else:
+                files.append(context.text(entry))
         context.processes.append(
-            Process(
-                self.package,
-                self.executable,
-                context.text(self.namespace),
-                [context.text(part) for part in self.arguments],
-                {
-                    name: {'true': True, 'false': False}[context.text(value.value)]
-                    for entry in values
-                    for name, value in entry.items()
-                },
-                [context.text(entry) for entry in self.parameters if not isinstance(entry, dict)],
-                [(context.text(a), context.text(b)) for a, b in self.remappings],
-                isinstance(self.on_exit, Shutdown),
+            SimpleNamespace(
+                executable=self.executable,
+                namespace=context.text(self.namespace),
+                arguments=[context.text(part) for part in self.arguments],
+                parameters=values,
+                files=files,
+                remappings=[(context.text(a), context.text(b)) for a, b in self.remappings],
+                ends_all=isinstance(self.on_exit, Shutdown),
             )
         )
+
+
+def ros_arguments(process):
+    """Return the command line after the name of the executable, as launch_ros makes it."""
+    line = [*process.arguments, '--ros-args']
+    if process.namespace:
+        line += ['-r', f'__ns:=/{process.namespace}']
+    for path in process.files:
+        line += ['--params-file', path]
+    for name, value in process.parameters.items():
+        line += ['-p', f'{name}:={str(value).lower()}']
+    for source, target in process.remappings:
+        line += ['-r', f'{source}:={target}']
+    return line
 
 
 MODULES = {

@@ -10,7 +10,7 @@ import signal
 import subprocess
 
 from geometry_msgs.msg import PoseArray
-from launch_stand_ins import install, launched
+from launch_stand_ins import install, launched, ros_arguments
 from processes import start
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -28,7 +28,7 @@ def start_all(processes, log):
     for process in processes:
         group = started[0].pid if started else 0
         options = {'stdout': log.open('a'), 'stderr': subprocess.STDOUT}
-        command = process.executable, *process.ros_arguments
+        command = process.executable, *ros_arguments(process)
         started.append(start(*command, process_group=group, **options))
     return started
 

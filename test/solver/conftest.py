@@ -1,14 +1,9 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Makes `solver_cases` importable: pytest's importlib mode leaves sys.path alone."""
-
-from pathlib import Path
-import sys
+"""What tests of the solver share."""
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
 
 
 @pytest.fixture(scope='session')
