@@ -8,6 +8,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from benchmarks.pieces import neighbors
 from dg_localization import JointKind
 from dg_localization.solver.decompose.decomposition import pieces_of
 from dg_localization.solver.decompose.graph import pairs_of
@@ -52,11 +53,8 @@ def test_the_double_banana_turns_about_a_line():
 
 def near_pairs(rng, n_points, dimension, degree):
     """Return the closest pairs of random points."""
-    positions = rng.random((n_points, dimension))
-    distance = np.linalg.norm(positions[:, None] - positions, axis=-1)
-    i, j = np.triu_indices(n_points, 1)
-    closest = np.argsort(distance[i, j])[: n_points * degree // 2]
-    return as_array(zip(i[closest].tolist(), j[closest].tolist(), strict=True))
+    _, pairs = neighbors(n_points, degree, dimension, int(rng.integers(2**32)))
+    return as_array(pairs.tolist())
 
 
 @pytest.mark.parametrize('dimension', [2, 3])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from solver_cases import bounds, squared_distances
 
+from benchmarks.large import fleet
 from benchmarks.pieces import neighbors, uwb_fleet
 from dg_localization import Problem, SolverOptions, Verdict, solve
 from dg_localization.solver.patches.chains import ChainGraph
@@ -45,13 +46,7 @@ def test_a_large_grid_is_one_hypothesis_that_holds_the_truth(size, error):
 @pytest.mark.parametrize('error', [0.01, 0.03])
 def test_a_placement_is_proved_where_many_choices_of_patches_are_left(error):
     """The first choice that agrees patch by patch is not one of the whole piece."""
-    positions = np.random.default_rng(1).random((100, 2)) * 50.0
-    squared = squared_distances(positions)
-    rows, columns = np.triu_indices(100, 1)
-    nearest = np.argsort(squared[rows, columns])[:400]
-    known = squared[rows[nearest], columns[nearest]]
-    lower, upper = known * (1.0 - error) ** 2, known * (1.0 + error) ** 2
-    problem = Problem.from_pairs(100, rows[nearest], columns[nearest], lower, upper)
+    problem, _ = fleet(100, 8, error, 1)
     result = solve(problem, SolverOptions(max_boxes=10**6, max_seconds=60.0))
     piece = max(result.pieces, key=lambda piece: len(piece.points))
     assert len(piece.points) > 60

@@ -22,6 +22,7 @@ from dg_localization import (
 )
 
 TRIANGLE = {(0, 1): (1.0, 2.0), (1, 2): (1.0, 2.0), (0, 2): (1.0, 2.0)}
+TWO_APART = [[0.0, 2.0], [2.0, 0.0]]
 
 
 def with_entries(field, value, *indices):
@@ -56,6 +57,10 @@ def test_wrong_entries(field, value, indices, text):
         ((np.zeros((2, 2)), np.zeros(2)), r'upper has shape \(2,\)'),
         ((np.zeros((2, 2)), np.zeros((3, 3))), r'lower is \(2, 2\), upper is \(3, 3\)'),
         ((np.zeros((0, 0)), np.zeros((0, 0))), 'no points'),
+        ((np.ma.masked_array(TWO_APART, mask=np.eye(2)), TWO_APART), 'lower is a masked array'),
+        (([[0, 1j], [1j, 0]], TWO_APART), r'lower has the entry \[0,1\] = 1j'),
+        (([[0, 1], [1]], TWO_APART), r'lower has the entry \[0\] = \[0, 1\]'),
+        ((3.0, TWO_APART), r'lower has shape \(\)'),
     ],
 )
 def test_wrong_bounds(arguments, text):
@@ -67,20 +72,6 @@ def test_wrong_bounds(arguments, text):
 def test_wrong_dimension(dimension):
     with pytest.raises(InvalidProblemError, match=re.escape(f'dimension is {dimension!r}')):
         Problem(*bounds(3, TRIANGLE), dimension=dimension)
-
-
-@pytest.mark.parametrize(
-    ('values', 'text'),
-    [
-        (np.ma.masked_array(np.ones((2, 2)), mask=np.eye(2)), 'lower is a masked array'),
-        ([[0, 1j], [1j, 0]], r'lower has the entry \[0,1\] = 1j'),
-        ([[0, 1], [1]], r'lower has the entry \[0\] = \[0, 1\]'),
-        (3.0, r'lower has shape \(\)'),
-    ],
-)
-def test_bounds_that_are_no_real_numbers(values, text):
-    with pytest.raises(InvalidProblemError, match=text):
-        Problem(values, [[0.0, 2.0], [2.0, 0.0]])
 
 
 @pytest.mark.parametrize(

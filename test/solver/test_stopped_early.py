@@ -11,6 +11,7 @@ import pytest
 from solver_cases import squared_distances
 from test_patches import CancelAfter
 
+from benchmarks.pieces import neighbors
 from dg_localization import Problem, SolverOptions, Verdict, solve
 from dg_localization.interval import kernels
 from dg_localization.solver.assemble.subproblem import pieces_of_problem
@@ -69,14 +70,10 @@ def test_no_truth_is_lost_where_the_decomposition_is_stopped(watchful):
 
 def near_fleet(n_points, dimension, degree):
     """Return random points of which the closest pairs are measured, and their positions."""
-    rng = np.random.default_rng(5)
-    positions = rng.uniform(0.0, 10.0, (n_points, dimension))
-    squared = squared_distances(positions)
-    i, j = np.triu_indices(n_points, 1)
-    nearest = np.sort(np.argsort(squared[i, j])[: n_points * degree // 2])
-    i, j = i[nearest], j[nearest]
-    lower, upper = 0.98 * squared[i, j], 1.02 * squared[i, j]
-    return Problem.from_pairs(n_points, i, j, lower, upper, dimension), positions
+    positions, pairs = neighbors(n_points, degree, dimension, 5)
+    squared = squared_distances(positions)[pairs[:, 0], pairs[:, 1]]
+    bounds = 0.98 * squared, 1.02 * squared
+    return Problem.from_pairs(n_points, *pairs.T, *bounds, dimension), positions
 
 
 @pytest.mark.parametrize('dimension', [2, 3])
