@@ -22,6 +22,9 @@ from dg_localization.fleet.error_models import distance_bounds_m
 DECIMALS = 4
 """Of the bounds in m, in rad, and as a fraction; they are rounded outward to these."""
 
+READINGS = 20
+"""Fewer readings of a link, or windows of the odometry of a robot, have no bounds of their own."""
+
 SLOPES, STEPS = 21, 5
 """Errors per m that are tried at a time, and how often the best one is refined."""
 

@@ -16,7 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dg_localization.calibration.bounds import DECIMALS, Choice, Columns, n_kept, without_turns
+from dg_localization.calibration.bounds import (
+    DECIMALS,
+    READINGS,
+    Choice,
+    Columns,
+    n_kept,
+    without_turns,
+)
 from dg_localization.calibration.truth import TrueTrack, without_heights, without_tilt
 from dg_localization.fleet import FleetConfig
 from dg_localization.fleet.odometry_error import LEAST_SCALE, MOST_SCALE, OdometryErrorModel
@@ -36,9 +43,6 @@ STRETCHED = 1.5
 
 WAY_M, TURN_RAD = 1.0, 1.0
 """Of the longest way and the greatest turn of all windows: less tells no error per m or rad."""
-
-LEAST_TOLD = 20
-"""Fewer windows tell nothing."""
 
 Piece = list[tuple[float, Any, Any]]
 """Odometry between two starts anew: stamps in s, positions and quaternions."""
@@ -247,7 +251,7 @@ def learn_odometry(
         )
         if len(pieces) > 1:
             learned.notes.append(f'Odometry of {robot} started anew {len(pieces) - 1} times.')
-        if len(windows.seconds) >= LEAST_TOLD:
+        if len(windows.seconds) >= READINGS:
             found[robot] = windows
     if not found:
         return learned

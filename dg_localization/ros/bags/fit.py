@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from dg_localization.calibration.answers import FleetTruth
 from dg_localization.calibration.bounds import (
+    READINGS,
     Choice,
     ErrorShape,
     fit_half_width_rad,
@@ -42,8 +43,6 @@ Pair: TypeAlias = tuple[str, str]
 
 EVERYTHING: Pair = ('', '')
 GROUPS = ('link', 'sensor', 'all')
-# Fewer readings get the bounds of the next larger group.
-READINGS = 20
 UNITS = {LinkKind.RANGE: 'm', LinkKind.BEARING: 'rad'}
 # Readings of one link that are nearer in time are named together; at most `NAMED` times are named.
 GAP_S, NAMED = 1.0, 20

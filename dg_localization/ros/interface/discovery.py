@@ -22,6 +22,7 @@ from dg_localization.ros.interface.links import (
 )
 from dg_localization.ros.interface.parameters.spec import refused
 
+# Topics and messages may name anybody, and every name is kept in the counts.
 MOST_UNKNOWN = 16
 # As many names are remembered: nodes come and go for days, some with names of their own.
 MOST_NAMES = 4096

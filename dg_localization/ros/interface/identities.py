@@ -8,6 +8,7 @@ import re
 from typing import Any
 
 from dg_localization.fleet import InputState, LinkKey
+from dg_localization.ros.interface.discovery import MOST_UNKNOWN
 from dg_localization.ros.interface.links import ANY_OBSERVER, Link
 from dg_localization.ros.interface.parameters.spec import refused
 from msg_adapters import CameraReading, IdentifiedReading, PixelReading
@@ -15,8 +16,6 @@ from msg_adapters import CameraReading, IdentifiedReading, PixelReading
 LINE = re.compile(r'(?:"([^"]+)"|([^\s"]\S*))\s+([^\s"]+)')
 # What a table has for an id that stands for no robot or anchor.
 IGNORED = '-'
-# A message may hold any id, and every name is kept in the counts.
-MOST_UNKNOWN = 16
 MOST_CAMERAS = 256
 MOST_LISTED = 4
 OTHER_UNKNOWN = 'other ids'

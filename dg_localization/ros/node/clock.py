@@ -129,23 +129,23 @@ class Pace:
     limit_s : float, optional
         From when on the solver tightens nothing in any case, in s.
 
+    Attributes
+    ----------
+    tighten_s : float
+        From when on the next estimate is to tighten nothing any more, in s.
+
     """
 
     def __init__(self, wanted_hz: float, limit_s: float = math.inf) -> None:
         self._wanted_s = max(LEAST_TIGHTEN_S, SHARE_OF_PERIOD / wanted_hz)
         # More would have no effect, and take many late estimates to come down from.
         self._most_s = min(self._wanted_s, limit_s)
-        self._tighten_s = self._most_s
-
-    @property
-    def tighten_s(self) -> float:
-        """From when on the next estimate is to tighten nothing any more, in s."""
-        return self._tighten_s
+        self.tighten_s = self._most_s
 
     def note(self, took_s: float) -> None:
         """Note how long an estimate took, in s."""
-        left_s = self._tighten_s + GAIN * (self._wanted_s - took_s)
-        self._tighten_s = min(self._most_s, max(LEAST_TIGHTEN_S, left_s))
+        left_s = self.tighten_s + GAIN * (self._wanted_s - took_s)
+        self.tighten_s = min(self._most_s, max(LEAST_TIGHTEN_S, left_s))
 
 
 class RateMeter:

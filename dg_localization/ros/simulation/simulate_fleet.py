@@ -29,6 +29,7 @@ from dg_localization.ros.interface.outputs import LATCHED
 from dg_localization.ros.interface.parameters.spec import (
     Spec,
     WrongParameterError,
+    checked,
     declare,
     given_values,
     refuse_unknown,
@@ -167,10 +168,7 @@ class FleetSimulator(Node):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('simulate_fleet', **kwargs)
         given = given_values(self)
-        values = {
-            name: spec.check(name, given.get(name, spec.default))
-            for name, spec in PARAMETERS.items()
-        }
+        values = checked(PARAMETERS, given)
         refuse_unknown(given, values)
         declare(self, PARAMETERS, values)
         self._fleet = SimulatedFleet(values)

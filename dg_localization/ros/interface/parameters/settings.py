@@ -29,6 +29,7 @@ from dg_localization.ros.interface.identities import ids_from
 from dg_localization.ros.interface.links import ANY_NAME, Link, check_links, links_from
 from dg_localization.ros.interface.parameters.spec import (
     WrongParameterError,
+    checked,
     close_name,
     declare,
     given_values,
@@ -127,7 +128,7 @@ def declare_missing(node: Node, values: Mapping[str, Any]) -> None:
 def changed_values(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """Return the values after some are set, without those of names that are gone."""
     wanted = {**values, **changes}
-    known = _checked_table(wanted)
+    known = checked(TABLE, wanted)
     named = [name for name, _ in named_specs(known)]
     return check_values({name: wanted[name] for name in (*TABLE, *named) if name in wanted})
 
@@ -142,15 +143,10 @@ def without_fleet_changes(values: Mapping[str, Any], wanted: Mapping[str, Any]) 
 
 def check_values(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return all values, given or default; raise `WrongParameterError` for a wrong one."""
-    values = _checked_table(given)
-    for name, spec in list(named_specs(values)):
-        values[name] = spec.check(name, given.get(name, spec.default))
+    values = checked(TABLE, given)
+    values |= checked(dict(named_specs(values)), given)
     refuse_unknown(given, values, _suggestion)
     return values
-
-
-def _checked_table(given: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: spec.check(name, given.get(name, spec.default)) for name, spec in TABLE.items()}
 
 
 def _suggestion(name: str, known: Collection[str]) -> str:

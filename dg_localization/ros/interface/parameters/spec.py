@@ -198,6 +198,11 @@ def close_name(name: str, known: Iterable[str]) -> str:
     return f"; did you mean '{close[0]}'?" if close else ''
 
 
+def checked(specs: Specs, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return all values, given or default; raise `WrongParameterError` for a wrong one."""
+    return {name: spec.check(name, given.get(name, spec.default)) for name, spec in specs.items()}
+
+
 def refuse_unknown(
     given: Iterable[str],
     known: Collection[str],
