@@ -1000,7 +1000,7 @@ FLEET = [
     *_in(
         'fleet',
         'odometry_kernels',
-        ('test/fleet/test_between_samples.py',),
+        ('test/fleet/test_odometry.py',),
         (
             'between two samples a robot is as near as the nearer one',
             'span = up(min(before[kind], after[kind]) + step[kind])',
@@ -1020,7 +1020,7 @@ FLEET = [
     *_in(
         'fleet',
         'odometry',
-        ('test/fleet/test_between_samples.py',),
+        ('test/fleet/test_odometry.py',),
         (
             'where samples are missing the way is straight',
             'np.maximum(lengths, most_up(self._limits.speed_m_s, missing_s))',

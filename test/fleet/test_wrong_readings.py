@@ -1,15 +1,91 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The first readings of a pair may be wrong as well as later ones."""
+"""A beacon that is always wrong is named and dropped; first readings may be wrong, too."""
 
 import math
 
 import numpy as np
 import pytest
+from shapes import holds
 
 from dg_localization import Verdict
 from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
+
+TICKS = 12
+ANCHORS_M = {
+    'b1': (0.0, 0.0),
+    'b2': (8.0, 0.5),
+    'b3': (0.5, 6.0),
+    'b4': (8.0, 6.5),
+    'b5': (4.0, -3.0),
+}
+
+
+def estimates(
+    wrong, *, error_m=1.5, n_anchors=4, dimension=2, speed_m_s=0.2, from_tick=0, **settings
+):
+    """Yield estimates of a robot with odometry, and where it truly is."""
+    heights_m = (0.1, 2.0, 3.0, 0.4, 1.7)
+    anchors = {
+        name: Anchor((*place, heights_m[k])[:dimension])
+        for k, (name, place) in enumerate([*ANCHORS_M.items()][:n_anchors])
+    }
+    localizer = Localizer(
+        FleetConfig(
+            ('r1',),
+            dimension=dimension,
+            anchors=anchors,
+            range_error=RangeErrorModel(-0.05, 0.3, 0.0, 0.0),
+            max_speed_m_s=0.5,
+            **settings,
+        )
+    )
+    for tick in range(TICKS):
+        for step in range(5):
+            now_s = 1000.0 + 0.5 * tick + 0.1 * step
+            place = np.array([2.0 + speed_m_s * (now_s - 1000.0), 2.0, 0.0])
+            for name, anchor in anchors.items():
+                error = error_m if name == wrong and tick >= from_tick else 0.05
+                range_m = math.dist(place[:dimension], anchor.coordinates_m) + error
+                assert localizer.add_range('r1', name, range_m, now_s, now_s) is None
+            localizer.add_odometry('r1', place, (0.0, 0.0, 0.0, 1.0), now_s, now_s)
+        yield localizer.step(now_s), place[:dimension]
+
+
+@pytest.mark.parametrize(
+    'case',
+    [
+        {'wrong': 'b2'},
+        {'wrong': 'b3', 'speed_m_s': 0.0},
+        {'wrong': 'b1', 'n_anchors': 5, 'error_m': -1.2},
+        {'wrong': 'b2', 'n_anchors': 5, 'dimension': 3},
+        {'wrong': 'b2', 'window_outliers': 1},
+        {'wrong': 'b4', 'max_outliers': 2},
+        {'wrong': 'b2', 'memory_s': 0.0},
+    ],
+)
+def test_it_is_dropped_at_every_tick(case):
+    for estimate, place in estimates(**{'max_outliers': 1, **case}):
+        assert estimate.placements
+        assert holds(estimate, place)
+        assert any(case['wrong'] in str(suspect) for suspect in estimate.suspects)
+
+
+def test_it_is_named_where_nothing_may_be_dropped():
+    for estimate, _ in estimates('b2'):
+        assert estimate.verdict is Verdict.INFEASIBLE
+        assert 'range r1->b2' in map(str, estimate.suspects)
+
+
+def test_what_was_remembered_before_it_went_wrong_stays():
+    widths_m = []
+    for tick, (estimate, place) in enumerate(estimates('b2', from_tick=6, max_outliers=1)):
+        assert holds(estimate, place)
+        if tick >= 6:
+            assert any('b2' in str(suspect) for suspect in estimate.suspects)
+        widths_m.append(float(np.ptp(estimate.placements[0].enclosure_m, axis=1).max()))
+    assert max(widths_m[6:]) < 3.0 * max(widths_m[:6])
 
 
 @pytest.mark.parametrize('others', [False, True], ids=['nothing', 'others'])
