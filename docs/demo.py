@@ -34,9 +34,9 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from visualization_msgs.msg import MarkerArray
 
-from dg_localization.calibration.answers import TruePlacement, true_placement
+from dg_localization.calibration.answers import FleetTruth, TruePlacement
 from dg_localization.calibration.truth import TrueTrack
-from dg_localization.fleet import FixedFrame, FrameKind
+from dg_localization.fleet import FixedFrame, FleetConfig, FrameKind
 from dg_localization.fleet.rotations import rotation_of_quaternion
 from dg_localization.fleet.vocabulary import OdometrySample
 from dg_localization.ros.domain import claim_domain
@@ -188,6 +188,7 @@ class Spectator(Node):
             )
             for row, name in enumerate(ROBOTS)
         }
+        truth = FleetTruth(FleetConfig(ROBOTS), tracks)
         turns = poses.orientations_xyzw
         known = np.any(turns != 0.0, axis=1)
         yaws_rad = np.where(known, 2.0 * np.arctan2(turns[:, 2], turns[:, 3]), np.nan)
@@ -198,7 +199,7 @@ class Spectator(Node):
                 poses.positions_m[:, :2].reshape(-1, len(ROBOTS), 2),
                 yaws_rad.reshape(-1, len(ROBOTS)),
                 np.stack([boxes_m.min(axis=2), boxes_m.max(axis=2)], axis=2),
-                true_placement(frame, ROBOTS, tracks, stamp_s, 2, newest),
+                truth.at(frame, stamp_s, newest),
             )
             for newest in odometry
         ]

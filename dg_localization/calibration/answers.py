@@ -111,71 +111,54 @@ class FleetTruth:
         odometry = None
         if frame.kind is FrameKind.ODOMETRY:
             odometry = snapshot.motion.newest(frame.points[0], snapshot.stamp_s)
-        robots, dimension = self.fleet.robots, self.fleet.dimension
-        return true_placement(frame, robots, self.tracks, snapshot.stamp_s, dimension, odometry)
+        return self.at(frame, snapshot.stamp_s, odometry)
 
+    def at(
+        self, frame: FixedFrame, stamp_s: float, odometry: OdometrySample | None = None
+    ) -> TruePlacement:
+        """
+        Return where the robots truly were at a time, in the frame of an answer.
 
-def true_placement(
-    frame: FixedFrame,
-    robots: Sequence[str],
-    tracks: Mapping[str, TrueTrack],
-    stamp_s: float,
-    dimension: int,
-    odometry: OdometrySample | None = None,
-) -> TruePlacement:
-    """
-    Return where robots truly were at a time, in the frame of an answer.
+        Parameters
+        ----------
+        frame : FixedFrame
+            That of the answer. The truth is taken to be in the coordinates of the anchors.
+        stamp_s : float
+            Time of the answer.
+        odometry : OdometrySample, optional
+            The newest one of the robot whose odometry frame it is: it is true in that frame.
 
-    Parameters
-    ----------
-    frame : FixedFrame
-        That of the answer. The truth is taken to be in the coordinates of the anchors.
-    robots : sequence of str, length n
-    tracks : mapping of str to TrueTrack
-        By name; a robot without one is not known.
-    stamp_s : float
-        Time of the answer.
-    dimension : {2, 3}
-        In the plane heights, roll and pitch of the truth do not count.
-    odometry : OdometrySample, optional
-        The newest one of the robot whose odometry frame it is: it is true in that frame.
+        """
+        dimension = self.fleet.dimension
+        places, turns = self._poses(self.fleet.robots, stamp_s)
+        origin_m, axes, offset_m = np.zeros(3), np.eye(3), np.zeros(3)
+        if frame.kind is not FrameKind.ANCHORS:
+            at_s = stamp_s if odometry is None else odometry.stamp_s
+            ends_m, bodies = self._poses(frame.points, at_s)
+            origin_m, axes = ends_m[0], bodies[0]
+        if frame.kind is FrameKind.ROBOTS:
+            axes = _axes_along(ends_m[1:] - origin_m)
+        elif frame.kind is FrameKind.ODOMETRY:
+            if odometry is None:
+                axes = np.full((3, 3), np.nan)
+            else:
+                axes = bodies[0] @ without_tilt(odometry.rotation[None], dimension)[0].T
+                offset_m = odometry.position_in_frame_m
+        positions_m = (places - origin_m) @ axes + offset_m
+        between_m = places[:, None, :dimension] - places[None, :, :dimension]
+        return TruePlacement(
+            positions_m[:, :dimension], axes.T @ turns, np.linalg.norm(between_m, axis=-1)
+        )
 
-    Returns
-    -------
-    TruePlacement
-
-    """
-    places, turns = _poses(robots, tracks, stamp_s, dimension)
-    origin_m, axes, offset_m = np.zeros(3), np.eye(3), np.zeros(3)
-    if frame.kind is not FrameKind.ANCHORS:
-        at_s = stamp_s if odometry is None else odometry.stamp_s
-        ends_m, bodies = _poses(frame.points, tracks, at_s, dimension)
-        origin_m, axes = ends_m[0], bodies[0]
-    if frame.kind is FrameKind.ROBOTS:
-        axes = _axes_along(ends_m[1:] - origin_m)
-    elif frame.kind is FrameKind.ODOMETRY:
-        if odometry is None:
-            axes = np.full((3, 3), np.nan)
-        else:
-            axes = bodies[0] @ without_tilt(odometry.rotation[None], dimension)[0].T
-            offset_m = odometry.position_in_frame_m
-    positions_m = (places - origin_m) @ axes + offset_m
-    between_m = places[:, None, :dimension] - places[None, :, :dimension]
-    return TruePlacement(
-        positions_m[:, :dimension], axes.T @ turns, np.linalg.norm(between_m, axis=-1)
-    )
-
-
-def _poses(
-    names: Sequence[str], tracks: Mapping[str, TrueTrack], stamp_s: float, dimension: int
-) -> tuple[FloatArray, FloatArray]:
-    """Return positions (k, 3) and rotations (k, 3, 3) of points, NaN where not known."""
-    places, turns = np.full((len(names), 3), np.nan), np.full((len(names), 3, 3), np.nan)
-    for row, name in enumerate(names):
-        if name in tracks:
-            places[row] = tracks[name].positions_at([stamp_s])[0]
-            turns[row] = tracks[name].rotations_at([stamp_s])[0]
-    return without_heights(places, dimension), without_tilt(turns, dimension)
+    def _poses(self, names: Sequence[str], stamp_s: float) -> tuple[FloatArray, FloatArray]:
+        """Return positions (k, 3) and rotations (k, 3, 3) of points, NaN where not known."""
+        places, turns = np.full((len(names), 3), np.nan), np.full((len(names), 3, 3), np.nan)
+        for row, name in enumerate(names):
+            if name in self.tracks:
+                places[row] = self.tracks[name].positions_at([stamp_s])[0]
+                turns[row] = self.tracks[name].rotations_at([stamp_s])[0]
+        dimension = self.fleet.dimension
+        return without_heights(places, dimension), without_tilt(turns, dimension)
 
 
 def _axes_along(edges_m: FloatArray) -> FloatArray:

@@ -23,7 +23,6 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 ROBOTS = tuple(f'robot_{number}' for number in range(1, 7))
 
@@ -92,11 +91,6 @@ class FleetState:
     time_s: float
     positions_m: np.ndarray
     yaws_rad: np.ndarray
-
-    def ray_m(self, observer: int, position_m: ArrayLike) -> np.ndarray:
-        """Return the vector from a robot to a place, in its body frame: x forward, y left."""
-        way_m = np.asarray(position_m) - self.positions_m[observer]
-        return way_m @ rotation(self.yaws_rad[observer])
 
 
 def rotation(yaw_rad: float) -> np.ndarray:
@@ -205,7 +199,8 @@ class FleetSensors:
         found = {}
         both_ways = [pair for edge in EDGES for pair in (edge, edge[::-1])]
         for observer, target, position_m in self._targets(state, both_ways):
-            x, y = state.ray_m(observer, position_m)
+            way_m = position_m - state.positions_m[observer]
+            x, y = way_m @ rotation(state.yaws_rad[observer])
             error_rad = self._rng.uniform(-self._bearing_bound_rad, self._bearing_bound_rad)
             bearing_rad = np.arctan2(y, x) + error_rad
             ray = (float(np.cos(bearing_rad)), float(np.sin(bearing_rad)), 0.0)

@@ -7,7 +7,7 @@ from histories import History, localizer_of
 import numpy as np
 import pytest
 
-from dg_localization.calibration.answers import true_placement
+from dg_localization.calibration.answers import FleetTruth
 from dg_localization.calibration.truth import TrueTrack
 from dg_localization.fleet import FleetConfig, FrameKind, Localizer
 from dg_localization.fleet.rotations import (
@@ -51,14 +51,9 @@ def test_the_truth_is_put_in_every_kind_of_frame(dimension):
                     continue  # other axes are any
                 wanted_m, turns = history.truth(time_s, answer.frame)
                 newest = snapshot.motion.newest(answer.frame.points[0], estimate.stamp_s)
-                found = true_placement(
-                    answer.frame,
-                    fleet.robots,
-                    tracks,
-                    estimate.stamp_s,
-                    fleet.dimension,
-                    newest if answer.frame.kind is FrameKind.ODOMETRY else None,
-                )
+                odometry = newest if answer.frame.kind is FrameKind.ODOMETRY else None
+                truth = FleetTruth(fleet, tracks)
+                found = truth.at(answer.frame, estimate.stamp_s, odometry)
                 # Samples of a time of 1.7e9 s are as far apart as its rounding.
                 close = {'rtol': 0.0, 'atol': 1e-5}
                 np.testing.assert_allclose(found.positions_m, wanted_m, **close)
@@ -83,6 +78,10 @@ def track_at(place, orientation=None):
     return TrueTrack([0.5, 1.5], [place, place], turns)
 
 
+def truth_of(tracks):
+    return FleetTruth(FleetConfig(robots=('a', 'b', 'c')), tracks)
+
+
 TRIANGLE = {('a', 'b'): 3.0, ('a', 'c'): 4.0, ('b', 'c'): 5.0}
 
 
@@ -93,7 +92,7 @@ def test_bounds_that_miss_the_truth_are_named_with_the_robot():
     tracks = {'a': track_at([9.0, 9.0, 0.0]), 'b': track_at([12.0, 9.0, 0.0])}
     for height_m, wanted in ((13.0, [False, False, False]), (13.5, [False, False, True])):
         tracks['c'] = track_at([9.0, height_m, 0.0])
-        truth = true_placement(frame, estimate.robots, tracks, 1.0, 2)
+        truth = truth_of(tracks).at(frame, 1.0)
         outside = [truth.outside(placement).tolist() for placement in estimate.placements]
         assert (wanted in outside) and (any(wanted) or outside.count(wanted) == 1)
 
@@ -101,7 +100,7 @@ def test_bounds_that_miss_the_truth_are_named_with_the_robot():
 def test_what_is_not_known_is_not_compared():
     estimate = placed(TRIANGLE)
     tracks = {'b': track_at([12.0, 9.0, 0.0]), 'c': track_at([9.0, 13.0, 0.0])}
-    truth = true_placement(estimate.frame, estimate.robots, tracks, 1.0, 2)
+    truth = truth_of(tracks).at(estimate.frame, 1.0)
     # The origin of the frame is not known: distances alone are.
     assert np.isnan(truth.positions_m).all() and truth.tells
     assert truth.distances_m[1, 2] == 5.0
@@ -109,8 +108,8 @@ def test_what_is_not_known_is_not_compared():
         assert not truth.outside(placement).any()
         assert np.isnan(truth.point_errors_m(placement)).all()
     tracks['c'] = track_at([9.0, 14.0, 0.0])
-    truth = true_placement(estimate.frame, estimate.robots, tracks, 1.0, 2)
+    truth = truth_of(tracks).at(estimate.frame, 1.0)
     assert truth.outside(estimate.placements[0]).tolist() == [False, True, True]
     del tracks['c']
-    assert not true_placement(estimate.frame, estimate.robots, tracks, 1.0, 2).tells
-    assert not true_placement(estimate.frame, estimate.robots, tracks, 3.0, 2).tells
+    assert not truth_of(tracks).at(estimate.frame, 1.0).tells
+    assert not truth_of(tracks).at(estimate.frame, 3.0).tells

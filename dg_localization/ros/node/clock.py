@@ -86,13 +86,9 @@ class NodeTime:
         """Return the usual step of the time between calls of `now` that found it moved."""
         return median(self._steps_s) if len(self._steps_s) == MOST_STEPS else 0.0
 
-    def stands_still_s(self) -> float:
-        """Return for how long, as far as the calls of `now` show, the time has stood still."""
-        return self._steady_s() - self._moved_at_s
-
     def warnings(self, n_publishers: int, is_active: bool) -> Iterator[str]:
         """Yield what is wrong with the clock, given the number of publishers of /clock."""
-        still_s, step_s = self.stands_still_s(), self.step_s()
+        still_s, step_s = self._steady_s() - self._moved_at_s, self.step_s()
         if is_active and still_s > SILENT_CLOCK_S:
             yield f'time has stood still for {still_s:.1f} s: /clock is silent or paused'
         if n_publishers > 1:
