@@ -608,7 +608,7 @@ FLEET = [
         ('test/fleet/test_constraints.py',),
         (
             'pitch bends the rays of the plane',
-            'if self.in_plane:',
+            'if config.dimension == 2:',
             'if False:',
         ),
     ),
@@ -641,7 +641,7 @@ FLEET = [
         (
             'parked robots do not turn',
             'if point not in mounts.reach_m:',
-            'if point not in mounts.reach_m or robot_of[point] in config.anchors:',
+            'if point not in mounts.reach_m or config.robot_of(point) in config.anchors:',
         ),
     ),
     *_in(

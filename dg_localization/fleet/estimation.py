@@ -5,25 +5,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 import time
-from typing import Any, NamedTuple
+from typing import Any
 
 from dg_localization import SolverOptions
-from dg_localization.fleet.answers import (
-    Answer,
-    answer_of,
-    open_remedies,
-    shared_time,
-    would_fix,
-)
+from dg_localization.fleet.answers import Answer, answer_of, open_remedies, would_fix
 from dg_localization.fleet.best_point.stated_way import carried_on
 from dg_localization.fleet.constraints.constrain import Constraints, constrain
-from dg_localization.fleet.contradictions.conflicts import Explanation
 from dg_localization.fleet.contradictions.explanation import (
-    explain_snapshot,
+    corrected,
     links_of_conflicts,
     not_searched,
     observations_of,
@@ -31,7 +24,6 @@ from dg_localization.fleet.contradictions.explanation import (
     suspects_in_window,
     suspects_of,
 )
-from dg_localization.fleet.contradictions.suspects import Observations, Suspects
 from dg_localization.fleet.estimate import Estimate, FrameKind, Group
 from dg_localization.fleet.frames.finders import fit_with_past
 from dg_localization.fleet.frames.plan import Plans, plan_frames
@@ -47,10 +39,6 @@ from dg_localization.interval.environment import default_environment
 from dg_localization.interval.rounding import down, up
 from dg_localization.solver.options import Cancel
 from dg_localization.solver.result import Statistics, Verdict
-
-MOST_SEARCHES = 3
-"""Most searches for corrections, and one more for each outlier. After these there is no answer:
-each found corrections that were wrong or not proved."""
 
 _WORST_FIRST = (Verdict.OUT_OF_BUDGET, Verdict.COVERED, Verdict.INFEASIBLE)
 
@@ -297,13 +285,13 @@ def _explained(
 ) -> Estimate:
     """Return the estimate when no placement agrees with all measurements."""
     observed = observations_of(snapshot)
-    corrected = _corrected(snapshot, constraints, observed, cancel)
-    explanation, plans = corrected.explanation, corrected.plans
+    found = corrected(snapshot, constraints, observed, cancel)
+    explanation, plans = found.explanation, found.plans
     conflicts = links_of_conflicts(observed, explanation)
     suspects = suspects_of(observed, explanation)
     blamed = observed.links_of(explanation.among.union(*explanation.conflicts))
-    if corrected.answers:
-        union = _union(corrected.answers, statistics)
+    if found.answers:
+        union = _union(found.answers, statistics)
         blamed = blamed.union(*(placement.dropped for placement in union.placements))
         estimate = _answered(snapshot, union, plans, conflicts)
         reason = estimate.reason + not_searched(snapshot.config, explanation)
@@ -320,92 +308,6 @@ def _explained(
         suspected_sensors=tuple(sorted(observed.offenders(suspects))),
         forgotten=_forget_guilty(snapshot, blamed),
     )
-
-
-class _Corrected(NamedTuple):
-    """The explanation of a contradiction, and the answer of each correction in its frames."""
-
-    explanation: Explanation
-    plans: list[Plans]
-    answers: list[Answer]
-
-    def without(self, wrong: Collection[Suspects]) -> _Corrected:
-        """Return this without some of the corrections; the frames are of use without any, too."""
-        corrections = self.explanation.corrections
-        rows = [row for row, dropped in enumerate(corrections) if dropped not in wrong]
-        return _Corrected(
-            replace(self.explanation, corrections=tuple(corrections[row] for row in rows)),
-            [self.plans[row] for row in rows] or self.plans,
-            [self.answers[row] for row in rows],
-        )
-
-
-def _corrected(
-    snapshot: Snapshot, constraints: Constraints, observed: Observations, cancel: Cancel | None
-) -> _Corrected:
-    """
-    Return what to drop so that the rest agree, and what the rest say.
-
-    The search for corrections does not look as hard as an answer does. Where the answer of one
-    shows that the rest do not agree, it was none, and larger ones may be. Where the answer does
-    not prove that the rest agree, larger ones count beside it.
-    """
-    refuted: frozenset[Suspects] = frozenset()
-    unsure: frozenset[Suspects] = frozenset()
-    for _ in range(MOST_SEARCHES + snapshot.config.max_outliers):
-        explanation = explain_snapshot(snapshot, observed, cancel, refuted | unsure)
-        every = unsure.union(explanation.corrections)
-        ordered = sorted(every, key=lambda dropped: (len(dropped), sorted(dropped)))
-        explanation = replace(explanation, corrections=tuple(ordered))
-        found = _with_answers(snapshot, constraints, observed, explanation, cancel)
-        if not found.answers:
-            return found
-        answers = dict(zip(explanation.corrections, found.answers, strict=True))
-        # That nothing is wrong was refuted before, perhaps with more time than now.
-        wrong = {d for d, a in answers.items() if a.verdict is Verdict.INFEASIBLE or not d}
-        smaller = {d for d in answers if len(d) < explanation.searched}
-        doubtful = {d for d in smaller - wrong if not _is_proved(snapshot, answers[d])}
-        if smaller & wrong <= refuted and doubtful <= unsure:
-            return found.without(wrong)
-        refuted |= smaller & wrong
-        unsure = (unsure | doubtful) - refuted
-    stopped = replace(explanation, corrections=(), searched=0, stopped=True)
-    return _Corrected(stopped, found.plans, [])
-
-
-def _with_answers(
-    snapshot: Snapshot,
-    constraints: Constraints,
-    observed: Observations,
-    explanation: Explanation,
-    cancel: Cancel | None,
-) -> _Corrected:
-    """Return an explanation with the answers of its corrections, none where there is no frame."""
-    named = observed.covered_by(snapshot.config.outlier_unit)
-    corrections = [
-        observed.links_of(one for suspect in correction for one in named[suspect])
-        for correction in explanation.corrections
-    ]
-    alternatives = [constrain(snapshot, dropped) for dropped in corrections]
-    plans = plan_frames(snapshot, constraints, alternatives)
-    if not plans or plans[0].main is None:
-        return _Corrected(explanation, plans, [])
-    shares = shared_time(snapshot.solver, len(corrections))
-    answers = [
-        answer_of(snapshot, alternative, planned, options, dropped, cancel)
-        for alternative, planned, dropped, options in zip(
-            alternatives, plans, corrections, shares, strict=True
-        )
-    ]
-    return _Corrected(explanation, plans, answers)
-
-
-def _is_proved(snapshot: Snapshot, found: Answer) -> bool:
-    """Return whether it is proved that some placement agrees, or where that is never proved."""
-    if any(mount.bound_m == 0.0 for mount in snapshot.config.sensors.values()):
-        return True
-    parts: list[Answer | Group] = [found, *found.groups]
-    return all(any(placement.proved for placement in part.placements) for part in parts)
 
 
 def _forget_guilty(snapshot: Snapshot, blamed: frozenset[LinkKey]) -> tuple[Forgotten, ...]:

@@ -339,15 +339,7 @@ class MeasurementStore:
     def _track(self, robot: str) -> OdometryTrack:
         """Return the odometry of `robot`, made on first use."""
         if robot not in self._tracks:
-            kept_s = max(self._config.max_age_s, self._config.memory_s)
-            keep_s = kept_s + self._config.max_future_s
-            self._tracks[robot] = OdometryTrack(
-                self._config.speed_m_s(robot),
-                self._config.max_turn_rate_rad_s,
-                self._config.odometry_error_of(robot),
-                keep_s,
-                self._config.dimension == 2,
-            )
+            self._tracks[robot] = OdometryTrack(self._config, robot)
         return self._tracks[robot]
 
     def _newest_poses(self, key: LinkKey) -> dict[str, OdometrySample]:

@@ -15,6 +15,7 @@ from statistics import median
 
 import numpy as np
 
+from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.error_models import quoted
 from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.fleet.rotations import level_rotations, rotation_angle_rad
@@ -40,35 +41,15 @@ ROUNDED = 12
 
 
 class OdometryTrack:
-    """
-    The newest odometry of one robot, oldest first.
+    """The newest odometry of one robot, oldest first."""
 
-    Parameters
-    ----------
-    max_speed_m_s, max_turn_rate_rad_s : float
-        Limits of the robot.
-    error : OdometryErrorModel
-    keep_s : float
-        How long readings are kept.
-    in_plane : bool, optional
-        Whether turns are those of the heading alone: that of a body that pitches is more than it
-        turns.
-
-    """
-
-    def __init__(
-        self,
-        max_speed_m_s: float,
-        max_turn_rate_rad_s: float,
-        error: OdometryErrorModel,
-        keep_s: float,
-        in_plane: bool = False,
-    ) -> None:
-        self._max_speed_m_s = max_speed_m_s
-        self._max_turn_rate_rad_s = max_turn_rate_rad_s
-        self._error = error
-        self._keep_s = keep_s
-        self._in_plane = in_plane
+    def __init__(self, config: FleetConfig, robot: str) -> None:
+        self._max_speed_m_s = config.speed_m_s(robot)
+        self._max_turn_rate_rad_s = config.max_turn_rate_rad_s
+        self._error = config.odometry_error_of(robot)
+        self._keep_s = max(config.max_age_s, config.memory_s) + config.max_future_s
+        # The turns of a body that pitches are more than those of its heading.
+        self._in_plane = config.dimension == 2
         self._readings: list[OdometrySample] = []
         self._restarted_s = 0.0
         self._restart = ''
@@ -191,39 +172,28 @@ class Motion:
 
     Parameters
     ----------
-    max_speed_m_s : mapping of str to float
-        By point.
-    max_turn_rate_rad_s : float
-    errors : mapping of str to OdometryErrorModel
-        By point, of its odometry, along the path of the samples.
+    config : FleetConfig
     odometry : mapping of str to tuple of OdometrySample
         By robot, oldest first.
-    in_plane : bool
-        Whether turns are those of the heading alone.
-    between_stamps_s : float
-        How much longer or shorter than between two stamps the time between them may be.
 
     """
 
-    max_speed_m_s: Mapping[str, float]
-    max_turn_rate_rad_s: float
-    errors: Mapping[str, OdometryErrorModel]
+    config: FleetConfig
     odometry: Mapping[str, tuple[OdometrySample, ...]]
-    in_plane: bool = False
-    between_stamps_s: float = 0.0
 
     def by_speed_m(self, point: str, first_s: float, second_s: float) -> float:
         """Return an upper bound of the way of `point` between two times, by its speed alone."""
-        speed_m_s = self.max_speed_m_s[point]
-        return most_between(speed_m_s, first_s, second_s, self.between_stamps_s)
+        speed_m_s = self.config.speed_m_s(self.config.robot_of(point))
+        return most_between(speed_m_s, first_s, second_s, self.config.between_stamps_s)
 
     def displacement_m(self, point: str, first_s: float, second_s: float) -> float:
         """Return an upper bound of how far `point` moved between two times."""
         by_speed_m = self.by_speed_m(point, first_s, second_s)
-        track = self.odometry.get(point)
+        robot = self.config.robot_of(point)
+        track = self.odometry.get(robot)
         if not track:
             return by_speed_m
-        error = self.errors[point]
+        error = self.config.odometry_error_of(robot)
         start, end = _nearest(track, first_s), _nearest(track, second_s)
         way_m, turned_rad = way_between(start, end)
         error_m = greatest_errors(error, way_m, turned_rad)[0]
@@ -239,7 +209,9 @@ class Motion:
         # The constant errors of the poses turn with the track, too.
         error_m = sum_up(error_m, product_up(swing_rad, error.constant_m))
         beyond_s = _beyond_up_s(error, start, end, first_s, second_s)
-        by_odometry_m = sum_up(chord_m, error_m, product_up(self.max_speed_m_s[point], beyond_s))
+        by_odometry_m = sum_up(
+            chord_m, error_m, product_up(self.config.speed_m_s(robot), beyond_s)
+        )
         return min(by_speed_m, by_odometry_m)
 
     def turn(self, point: str, first_s: float, second_s: float) -> tuple[np.ndarray, float]:
@@ -249,11 +221,12 @@ class Motion:
         The rotation takes a fixed direction from body coordinates at the first time to those at
         the second.
         """
-        rate_rad_s = self.max_turn_rate_rad_s
-        by_rate_rad = most_between(rate_rad_s, first_s, second_s, self.between_stamps_s)
-        track = self.odometry.get(point)
+        config, robot = self.config, self.config.robot_of(point)
+        rate_rad_s = config.max_turn_rate_rad_s
+        by_rate_rad = most_between(rate_rad_s, first_s, second_s, config.between_stamps_s)
+        track = self.odometry.get(robot)
         if track:
-            error = self.errors[point]
+            error = config.odometry_error_of(robot)
             start, end = _nearest(track, first_s), _nearest(track, second_s)
             beyond_s = _beyond_up_s(error, start, end, first_s, second_s)
             error_rad = greatest_errors(error, *way_between(start, end))[1]
@@ -262,7 +235,7 @@ class Motion:
             )
             if error_rad < by_rate_rad and start.restarted_s == end.restarted_s:
                 before, after = start.rotation, end.rotation
-                if self.in_plane:
+                if config.dimension == 2:
                     # A ray in the plane turns with the heading; roll and pitch would bend it.
                     before, after = level_rotations(np.array([before, after]))
                 return after.T @ before, error_rad

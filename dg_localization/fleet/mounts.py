@@ -15,8 +15,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from dg_localization.fleet.bodies import bounded_squared_distance
 from dg_localization.fleet.config import FleetConfig
@@ -24,12 +26,8 @@ from dg_localization.fleet.sensors import Mount
 from dg_localization.fleet.vocabulary import LinkKey, LinkKind, RayReading
 from dg_localization.interval.angles import angle_up, arcsine_up
 from dg_localization.interval.arrays import Interval, squared_norm
-from dg_localization.interval.bounds import (
-    quotient_up,
-    sqrt_down,
-    sqrt_up,
-    sum_up,
-)
+from dg_localization.interval.bounds import quotient_up, sqrt_down, sqrt_up, sum_up
+from dg_localization.poses import PairReadings
 
 
 @dataclass(frozen=True)
@@ -111,6 +109,27 @@ def places_on_body(config: FleetConfig, points: Sequence[str]) -> Interval:
     around, exact = Interval.around(places_m, bounds_m), bounds_m == 0.0
     return Interval(
         np.where(exact, places_m, around.lower), np.where(exact, places_m, around.upper)
+    )
+
+
+Sight: TypeAlias = tuple[str, Interval, tuple[float, float], ArrayLike, float]
+"""A point, the place (q,) of another, bounds of their distance, a ray, and its error in rad."""
+
+AHEAD = (1.0, 0.0, 0.0)
+"""In place of a ray that was not measured."""
+
+
+def readings_of(config: FleetConfig, sights: Sequence[Sight]) -> PairReadings:
+    """Return what points of one robot in the plane measure of places."""
+    points, places, bounds_m, rays, errors_rad = zip(*sights, strict=True)
+    there, flat = Interval.stack([*places], axis=0), ((0, 0), (0, 1))
+    return PairReadings.of(
+        Interval(np.pad(there.lower, flat), np.pad(there.upper, flat)),
+        places_on_body(config, points),
+        Interval(*np.array(bounds_m).T),
+        np.array(rays),
+        np.array(errors_rad),
+        True,
     )
 
 

@@ -24,17 +24,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dg_localization.fleet.odometry_error import (
-    OdometryErrorModel,
-    most_up,
-    step_errors,
-)
-from dg_localization.fleet.odometry_kernels import (
-    find_nearest,
-    limit_yaws,
-    step_angles,
-    walk_back,
-)
+from dg_localization.fleet.odometry_error import OdometryErrorModel, most_up, step_errors
+from dg_localization.fleet.odometry_kernels import find_nearest, limit_yaws, step_angles, walk_back
 from dg_localization.fleet.rotations import rotations_about_z, steepness
 from dg_localization.interval.angles import angle_up, chord_up
 from dg_localization.interval.arrays import Interval, elapsed_up, up
@@ -207,11 +198,7 @@ class OdometryPath:
         """
         Return where the track is at the sample nearest to a time, seen from that of another.
 
-        Parameters
-        ----------
-        first_s, last_s : float
-            The second is not earlier. The pose at `last_s` is seen from that at `first_s`.
-
+        The second is not earlier. The pose at `last_s` is seen from that at `first_s`.
         """
         return self._walk_ahead(self._index_at(first_s), self._index_at(last_s))
 
@@ -231,12 +218,7 @@ class OdometryPath:
         """
         Return points of the body in its level frames at some times, shape (m, 3).
 
-        Parameters
-        ----------
-        times_s : array_like, shape (m,)
-        points_m : Interval, shape (m, 3)
-            In the body frame; of a sensor, with the bound of its place.
-
+        Points are in the body frame; those of a sensor come with the bound of its place.
         """
         tilts, errors_rad = self.tilts(times_s)
         columns = [Interval.point(tilts[:, :, k]) * points_m[:, k][:, None] for k in range(3)]
@@ -252,14 +234,8 @@ class OdometryPath:
         """
         Return rays of the body in its level frames at some times, and their errors.
 
-        Parameters
-        ----------
-        times_s : array_like, shape (m,)
-        directions : array_like, shape (m, 3)
-            In the body frame.
-        errors_rad : array_like, shape (m,)
-            Greatest angles to the true directions.
-
+        `directions`, shape (m, 3), are in the body frame, and the errors are the greatest angles
+        to the true ones.
         """
         tilts, tilt_errors_rad = self.tilts(times_s)
         leveled = np.einsum('mij,mj->mi', tilts, np.asarray(directions, dtype=float))
@@ -339,21 +315,9 @@ class OdometryPath:
 
     def _walk_back(self, then: np.ndarray, last: int) -> tuple[Interval, Interval]:
         """Return the poses of samples seen from sample `last`, with the errors of the way."""
-        center, half = np.empty((len(then), 3)), np.empty((len(then), 3))
-        turns = np.empty(len(then))
-        walk_back(
-            self._positions_m,
-            self._yaws_rad[last],
-            self._steps[0],
-            self._steps[1],
-            then,
-            last,
-            center,
-            half,
-            turns,
-        )
-        yaws = self._yaws_rad[then] - self._yaws_rad[last]
-        return self._bounded(center, half), Interval.around(yaws, angle_up(turns))
+        now_rad, errors = self._yaws_rad[last], (self._steps[0], self._steps[1])
+        position, turns = self._walked(self._positions_m, now_rad, errors, then, last)
+        return position, Interval.around(self._yaws_rad[then] - now_rad, angle_up(turns))
 
     def _walk_ahead(self, first: int, last: int) -> TrackStep:
         """
@@ -362,24 +326,29 @@ class OdometryPath:
         It is a walk back along the reversed track. Seen from its start, an error of a turn swings
         what lies after the end of the step: there it belongs to the step before.
         """
+        count, now_rad = last - first, self._yaws_rad[first]
         positions = np.ascontiguousarray(self._positions_m[first : last + 1][::-1])
         errors_rad = np.ascontiguousarray(self._steps[1, first:last][::-1])
-        center, half, turns = np.empty((1, 3)), np.empty((1, 3)), np.empty(1)
-        walk_back(
-            positions,
-            self._yaws_rad[first],
-            np.zeros(last - first),
-            np.append(errors_rad[1:], 0.0)[: last - first],
-            np.zeros(1, np.int64),
-            last - first,
-            center,
-            half,
-            turns,
-        )
+        errors = np.zeros(count), np.append(errors_rad[1:], 0.0)[:count]
+        position, turns = self._walked(positions, now_rad, errors, np.zeros(1, np.int64), count)
         turn_rad = angle_up(up(turns + errors_rad[:1].sum()))
-        yaw = Interval.around(self._yaws_rad[[last]] - self._yaws_rad[first], turn_rad)
-        ball_m = float(up(math.fsum(self._steps[0, first:last])))
-        return TrackStep(PastPoses(self._bounded(center, half), yaw), ball_m)
+        yaw = Interval.around(self._yaws_rad[[last]] - now_rad, turn_rad)
+        return TrackStep(
+            PastPoses(position, yaw), float(up(math.fsum(self._steps[0, first:last])))
+        )
+
+    def _walked(
+        self,
+        positions: np.ndarray,
+        yaw: float,
+        errors: tuple[np.ndarray, np.ndarray],
+        then: np.ndarray,
+        last: int,
+    ) -> tuple[Interval, np.ndarray]:
+        """Return where samples of a track are, seen from the last, and how far their yaws err."""
+        (center, half), turns = np.empty((2, len(then), 3)), np.empty(len(then))
+        walk_back(positions, yaw, *errors, then, last, center, half, turns)
+        return self._bounded(center, half), turns
 
     def _bounded(self, center: np.ndarray, half: np.ndarray) -> Interval:
         """Return boxes (m, 3); positions too large to be subtracted bound nothing."""
@@ -394,16 +363,7 @@ class OdometryPath:
         """
         Return the rotations from body to level frame at some times, and their errors.
 
-        Parameters
-        ----------
-        times_s : array_like, shape (m,)
-
-        Returns
-        -------
-        rotations : numpy.ndarray, shape (m, 3, 3)
-        errors_rad : numpy.ndarray, shape (m,)
-            Greatest angles to the true ones, a half turn at most.
-
+        Their shapes are (m, 3, 3) and (m,); errors are angles, a half turn at most.
         """
         near = self._nearest(np.asarray(times_s, dtype=float))
         yaws = self._yaws_rad[near.index]

@@ -90,7 +90,7 @@ class Snapshot:
     @cached_property
     def carried(self) -> CarriedWindow:
         """What is remembered, seen from where the robots are now; made when it is asked for."""
-        return CarriedWindow(self.config, self.stamp_s, self.window, self.motion, self.anchors)
+        return CarriedWindow(self)
 
     @property
     def solver(self) -> SolverOptions:
@@ -145,18 +145,8 @@ def take_snapshot(
     Readings up to the stamps in `left_out` do not count.
     """
     anchors, mounts = bodies
-    config, odometry = store.config_for_clocks(), store.odometry_readings()
-    robot_of = {point: config.robot_of(point) for point in config.points}
-    motion = Motion(
-        max_speed_m_s={point: config.speed_m_s(robot) for point, robot in robot_of.items()},
-        max_turn_rate_rad_s=config.max_turn_rate_rad_s,
-        errors={point: config.odometry_error_of(robot) for point, robot in robot_of.items()},
-        odometry={
-            point: odometry[robot] for point, robot in robot_of.items() if robot in odometry
-        },
-        in_plane=config.dimension == 2,
-        between_stamps_s=config.between_stamps_s,
-    )
+    config = store.config_for_clocks()
+    motion = Motion(config, store.odometry_readings())
 
     @cache
     def displacement_m(point: str, stamp_s: float) -> float:

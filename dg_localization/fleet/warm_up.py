@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import cache
-from itertools import combinations
+from itertools import combinations, product
 import math
 from threading import Event, Thread
 import time
@@ -86,7 +86,6 @@ def _load_all() -> None:
         for outliers in (0, 1):
             _estimate_moving_fleet(anchors, outliers)
     _estimate_followed_robot()
-    _estimate_robot_with_sensors()
 
 
 def warm_up_status() -> str:
@@ -149,34 +148,25 @@ def _estimate_moving_fleet(anchors: Mapping[str, Anchor], outliers: int) -> None
 
 
 def _estimate_followed_robot() -> None:
-    """Estimate a robot from an earlier set of its poses."""
+    """Estimate a robot with sensors from an earlier set of its poses."""
     places = {'a': (0.0, 0.0), 'b': (5.0, 0.0), 'c': (0.0, 4.0)}
-    anchors = {name: Anchor(place) for name, place in places.items()}
+    points = {'r': (2.0, 1.0), 'r/left': (2.0, 1.5), 'r/right': (2.0, 0.5)}
     config = FleetConfig(
-        robots=('r',), anchors=anchors, memory_s=FOLLOWED_S, memory_max_seconds=math.inf
+        robots=('r',),
+        anchors={name: Anchor(place) for name, place in places.items()},
+        mounts={'r': {'left': (0.0, 0.5), 'right': (0.0, -0.5)}},
+        memory_s=FOLLOWED_S,
+        memory_max_seconds=math.inf,
     )
     localizer = Localizer(config)
     for second in range(int(FOLLOWED_S)):
         now_s = STAMP_S + second
-        localizer.add_odometry('r', (2.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0), now_s, now_s)
-        for name, place in places.items():
-            localizer.add_range('r', name, math.dist(place, (2.0, 1.0)), now_s, now_s)
+        localizer.add_odometry('r', (*points['r'], 0.0), (0.0, 0.0, 0.0, 1.0), now_s, now_s)
+        for (point, own), (name, place) in product(points.items(), places.items()):
+            localizer.add_range(point, name, math.dist(own, place), now_s, now_s)
         localizer.add_bearing('r', 'a', (-2.0, -1.0, 0.0), now_s, now_s)
         if second in (3, 5, 7):
             localizer.step(now_s)
-
-
-def _estimate_robot_with_sensors() -> None:
-    """Estimate a robot whose heading follows from its sensors."""
-    places = {'a': (0.0, 0.0), 'b': (5.0, 0.0), 'c': (0.0, 4.0)}
-    mounts = {'left': (0.0, 0.5), 'right': (0.0, -0.5)}
-    anchors = {name: Anchor(place) for name, place in places.items()}
-    localizer = Localizer(FleetConfig(robots=('r',), anchors=anchors, mounts={'r': mounts}))
-    for sensor, (x, y) in mounts.items():
-        for name, place in places.items():
-            range_m = math.dist(place, (x + 2.0, y + 2.0))
-            localizer.add_range(f'r/{sensor}', name, range_m, STAMP_S, STAMP_S)
-    localizer.step(STAMP_S)
 
 
 def _two_simplices_m(dimension: int) -> np.ndarray:

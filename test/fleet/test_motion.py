@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from shapes import attitude
 
+from dg_localization.fleet import FleetConfig
 from dg_localization.fleet.motion import Motion, OdometryTrack
 from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.fleet.vocabulary import OdometrySample
@@ -19,12 +20,27 @@ coordinate = st.floats(-1e6, 1e6)
 positions = st.tuples(coordinate, coordinate, coordinate)
 
 
-def motion_of(*readings, speed=1e9, turn_rate=1.0, **errors):
-    error = OdometryErrorModel(**{'max_gap_s': math.inf, **errors})
-    track = OdometryTrack(1e9, 1e9, error, 1e9)
+def config_of(speed, turn_rate, dimension=3, **errors):
+    return FleetConfig(
+        ('a',),
+        dimension=dimension,
+        max_speed_m_s=speed,
+        max_turn_rate_rad_s=turn_rate,
+        odometry_error=OdometryErrorModel(**errors),
+        memory_s=1e9,
+    )
+
+
+def track_of(config, readings):
+    track = OdometryTrack(config, 'a')
     for reading in readings:
         track.append(reading)
-    return Motion({'a': speed}, turn_rate, {'a': error}, {'a': track.readings})
+    return track
+
+
+def motion_of(*readings, speed=1e9, turn_rate=1.0, **errors):
+    config = config_of(speed, turn_rate, 3, **{'max_gap_s': math.inf, **errors})
+    return Motion(config, {'a': track_of(config, readings).readings})
 
 
 @settings(deadline=None)
@@ -42,7 +58,7 @@ def test_the_displacement_is_never_below_the_exact_distance(start, end):
 @pytest.mark.parametrize('far_m', [0.0, 1e6, 5e6, -7e8])
 def test_a_robot_at_its_limit_far_from_the_origin_does_not_restart_its_odometry(far_m):
     """Rounding of large coordinates, such as those of UTM, looks like faster steps."""
-    track = OdometryTrack(0.5, 1.0, OdometryErrorModel(), 1e9)
+    track = OdometryTrack(config_of(0.5, 1.0), 'a')
     for number in range(100):
         position_m = np.array([far_m + 0.05 * number, 0.0, 0.0])
         track.append(OdometrySample(100.0 + 0.1 * number, position_m, np.eye(3), 'odom'))
@@ -79,11 +95,9 @@ def test_a_way_whose_steps_err_by_their_bounds_stays_within(seed):
 
 def test_where_odometry_is_missing_the_way_is_as_long_as_the_limits_allow():
     """A robot that drives in a circle meanwhile is back, up to the errors of the whole way."""
-    error = OdometryErrorModel(translation_per_m=0.1, rotation_per_rad=0.1, max_gap_s=1.0)
-    track = OdometryTrack(2.0, 1.0, error, 1e9)
-    for stamp_s in (0.0, 1.0, 4.0):
-        track.append(OdometrySample(stamp_s, np.zeros(3), np.eye(3)))
-    motion = Motion({'a': 2.0}, 1.0, {'a': error}, {'a': track.readings})
+    errors = {'translation_per_m': 0.1, 'rotation_per_rad': 0.1, 'max_gap_s': 1.0}
+    readings = [OdometrySample(stamp_s, np.zeros(3), np.eye(3)) for stamp_s in (0.0, 1.0, 4.0)]
+    motion = motion_of(*readings, speed=2.0, **errors)
     assert motion.displacement_m('a', 0.0, 1.0) == pytest.approx(0.0, abs=1e-12)
     # 6 m of way, and 0.3 rad of turns that swing it.
     assert 0.6 <= motion.displacement_m('a', 0.0, 4.0) == pytest.approx(0.6 + 0.3 * 6.0)
@@ -108,10 +122,8 @@ def test_the_constant_errors_of_poses_turn_with_the_track():
 def test_the_turn_of_a_body_that_pitches_is_that_of_its_heading(pitch_rad):
     """A robot on a ramp turns about its own axis: its heading turns by more, and errs by that."""
     before, after = (attitude(0.0, pitch_rad) @ attitude(angle) for angle in (-0.25, 0.25))
-    error = OdometryErrorModel(rotation_per_rad=0.1)
-    track = OdometryTrack(1e9, 1e9, error, 1e9, in_plane=True)
-    for stamp_s, rotation in ((1.0, before), (2.0, after)):
-        track.append(OdometrySample(stamp_s, np.zeros(3), rotation))
-    motion = Motion({'a': 1e9}, 1e9, {'a': error}, {'a': track.readings}, in_plane=True)
+    config = config_of(1e9, 1e9, 2, rotation_per_rad=0.1)
+    readings = [OdometrySample(1.0, np.zeros(3), before), OdometrySample(2.0, np.zeros(3), after)]
+    motion = Motion(config, {'a': track_of(config, readings).readings})
     first_rad, last_rad = (np.arctan2(turn[1, 0], turn[0, 0]) for turn in (before, after))
     assert motion.turn('a', 1.0, 2.0)[1] >= 0.1 * (last_rad - first_rad)

@@ -204,9 +204,7 @@ def _bundles(
                 known = snapshot.mounts.rays_at(observer, snapshot.stamp_s)
                 seen.setdefault(observer, []).extend(known)
     return {
-        observer: RayBundle(
-            rays, measured.get(observer, 0), rows, snapshot.motion, snapshot.config.dimension
-        )
+        observer: RayBundle(rays, measured.get(observer, 0), rows, snapshot.motion)
         for observer, rays in seen.items()
         if rays
     }

@@ -129,7 +129,6 @@ class RayBundle:
         The row of each point.
     motion : Motion
         How the observer turned between the times of the rays.
-    dimension : {2, 3}
 
     """
 
@@ -137,7 +136,6 @@ class RayBundle:
     measured: int
     rows: Mapping[str, int]
     motion: Motion
-    dimension: int
 
     def now(self, now_s: float) -> tuple[RayReading, ...]:
         """
@@ -147,7 +145,7 @@ class RayBundle:
         time then.
         """
         rays = self.at(now_s)
-        if self.motion.between_stamps_s == 0.0:
+        if self.motion.config.between_stamps_s == 0.0:
             return rays
         _, error_rad = self.motion.turn(self.rays[0].key.observer, now_s, now_s)
         return tuple(
@@ -172,7 +170,7 @@ class RayBundle:
         second = np.array([b.direction for _, b in chosen]).reshape(-1, 3)
         widths = np.array([a.half_width_rad + b.half_width_rad for a, b in chosen])
         angles = angles_rad(first, second)
-        if self.dimension == 2:
+        if self.motion.config.dimension == 2:
             turns_left = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
             angles = np.where(turns_left < 0.0, -angles, angles)
         corners = np.array([self._corner(pair) for pair in chosen], dtype=np.int64)
@@ -210,7 +208,7 @@ class RayBundle:
         if ray.stamp_s == stamp_s:
             return ray
         direction = rotation @ ray.direction
-        if self.dimension == 2:
+        if self.motion.config.dimension == 2:
             direction = direction * (1.0, 1.0, 0.0)
         length = math.sqrt(direction @ direction)
         if length < SHORTEST_PROJECTION:

@@ -8,10 +8,11 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from dg_localization.fleet.answers import answer_of
+from dg_localization.fleet.answers import Answer, answer_of, shared_time
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.constraints.constrain import Constraints, constrain
 from dg_localization.fleet.contradictions.conflicts import Effort, Explanation, Limits, explain
@@ -23,7 +24,8 @@ from dg_localization.fleet.contradictions.suspects import (
     Suspects,
     line_up,
 )
-from dg_localization.fleet.frames.plan import plan_frames
+from dg_localization.fleet.estimate import Group
+from dg_localization.fleet.frames.plan import Plans, plan_frames
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import Conflict, LinkKind
 from dg_localization.fleet.window.memory import WORLD, Observation
@@ -37,6 +39,10 @@ from dg_localization.solver.solve import solve
 BRIEF_BOXES = 32
 """Most boxes of one brief problem: a contradiction shows early or hardly ever."""
 
+
+MOST_SEARCHES = 3
+"""Most searches for corrections, and one more for each outlier. After these there is no answer:
+each found corrections that were wrong or not proved."""
 
 OF_SETTINGS = (
     'the settings contradict each other, whatever is measured: anchors, mounts, elevations or '
@@ -171,6 +177,92 @@ def explain_snapshot(
         refuted,
         {one: observed.robots[one] for one in sorted(observed.of_anchors)},
     )
+
+
+class Corrected(NamedTuple):
+    """The explanation of a contradiction, and the answer of each correction in its frames."""
+
+    explanation: Explanation
+    plans: list[Plans]
+    answers: list[Answer]
+
+    def without(self, wrong: Collection[Suspects]) -> Corrected:
+        """Return this without some of the corrections; the frames are of use without any, too."""
+        corrections = self.explanation.corrections
+        rows = [row for row, dropped in enumerate(corrections) if dropped not in wrong]
+        return Corrected(
+            replace(self.explanation, corrections=tuple(corrections[row] for row in rows)),
+            [self.plans[row] for row in rows] or self.plans,
+            [self.answers[row] for row in rows],
+        )
+
+
+def corrected(
+    snapshot: Snapshot, constraints: Constraints, observed: Observations, cancel: Cancel | None
+) -> Corrected:
+    """
+    Return what to drop so that the rest agree, and what the rest say.
+
+    The search for corrections does not look as hard as an answer does. Where the answer of one
+    shows that the rest do not agree, it was none, and larger ones may be. Where the answer does
+    not prove that the rest agree, larger ones count beside it.
+    """
+    refuted: frozenset[Suspects] = frozenset()
+    unsure: frozenset[Suspects] = frozenset()
+    for _ in range(MOST_SEARCHES + snapshot.config.max_outliers):
+        explanation = explain_snapshot(snapshot, observed, cancel, refuted | unsure)
+        every = unsure.union(explanation.corrections)
+        ordered = sorted(every, key=lambda dropped: (len(dropped), sorted(dropped)))
+        explanation = replace(explanation, corrections=tuple(ordered))
+        found = _with_answers(snapshot, constraints, observed, explanation, cancel)
+        if not found.answers:
+            return found
+        answers = dict(zip(explanation.corrections, found.answers, strict=True))
+        # That nothing is wrong was refuted before, perhaps with more time than now.
+        wrong = {d for d, a in answers.items() if a.verdict is Verdict.INFEASIBLE or not d}
+        smaller = {d for d in answers if len(d) < explanation.searched}
+        doubtful = {d for d in smaller - wrong if not _is_proved(snapshot, answers[d])}
+        if smaller & wrong <= refuted and doubtful <= unsure:
+            return found.without(wrong)
+        refuted |= smaller & wrong
+        unsure = (unsure | doubtful) - refuted
+    stopped = replace(explanation, corrections=(), searched=0, stopped=True)
+    return Corrected(stopped, found.plans, [])
+
+
+def _with_answers(
+    snapshot: Snapshot,
+    constraints: Constraints,
+    observed: Observations,
+    explanation: Explanation,
+    cancel: Cancel | None,
+) -> Corrected:
+    """Return an explanation with the answers of its corrections, none where there is no frame."""
+    named = observed.covered_by(snapshot.config.outlier_unit)
+    corrections = [
+        observed.links_of(one for suspect in correction for one in named[suspect])
+        for correction in explanation.corrections
+    ]
+    alternatives = [constrain(snapshot, dropped) for dropped in corrections]
+    plans = plan_frames(snapshot, constraints, alternatives)
+    if not plans or plans[0].main is None:
+        return Corrected(explanation, plans, [])
+    shares = shared_time(snapshot.solver, len(corrections))
+    answers = [
+        answer_of(snapshot, alternative, planned, options, dropped, cancel)
+        for alternative, planned, dropped, options in zip(
+            alternatives, plans, corrections, shares, strict=True
+        )
+    ]
+    return Corrected(explanation, plans, answers)
+
+
+def _is_proved(snapshot: Snapshot, found: Answer) -> bool:
+    """Return whether it is proved that some placement agrees, or where that is never proved."""
+    if any(mount.bound_m == 0.0 for mount in snapshot.config.sensors.values()):
+        return True
+    parts: list[Answer | Group] = [found, *found.groups]
+    return all(any(placement.proved for placement in part.placements) for part in parts)
 
 
 def suspects_of(observed: Observations, explanation: Explanation) -> tuple[Suspect, ...]:

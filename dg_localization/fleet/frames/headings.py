@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet.constraints.constrain import Constraints
-from dg_localization.fleet.mounts import places_on_body
+from dg_localization.fleet.mounts import AHEAD, Sight, readings_of
 from dg_localization.fleet.rotations import (
     angles_rad,
     best_rotation,
@@ -35,7 +35,7 @@ from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import RayReading
 from dg_localization.interval.angles import angle_down, angle_up, arcsine_up
 from dg_localization.interval.arrays import Interval, up
-from dg_localization.poses import NO_RAY_RAD, Cover, PairOptions, PairReadings, cover_poses
+from dg_localization.poses import NO_RAY_RAD, Cover, PairOptions, cover_poses
 from dg_localization.solver.result import Hypothesis
 
 FloatArray = NDArray[np.float64]
@@ -269,35 +269,21 @@ class BodyPoses:
         rows = self._solved.rows
         bounded = np.isfinite(enclosure.lower).all(axis=1) & np.isfinite(enclosure.upper).all(1)
         others = {*np.flatnonzero(bounded).tolist()} - {rows[member] for member in members}
-        anywhere, ahead = (0.0, math.inf), (1.0, 0.0, 0.0)
         distance_m = Interval(hypothesis.lower, hypothesis.upper).sqrt()
-        # A member, the row of another point, and a distance or a ray with its error.
-        readings = []
+        sights: list[Sight] = []
         for member in members:
             for other in sorted(others):
                 if math.isfinite(self._solved.upper[rows[member], other]):
                     between = distance_m[rows[member], other]
                     bounds_m = float(between.lower), float(between.upper)
-                    readings.append((member, other, bounds_m, ahead, NO_RAY_RAD))
+                    sights.append((member, enclosure[other], bounds_m, AHEAD, NO_RAY_RAD))
         for member in members:
             for ray in self._solved.rays.get(member, ()):
-                other, direction = rows[ray.key.target], tuple(ray.direction.tolist())
-                if other in others and ray.half_width_rad < math.pi / 2:
-                    readings.append((member, other, anywhere, direction, ray.half_width_rad))
-        if not readings or self._n_covers >= MOST_COVERS:
+                other, error_rad = rows[ray.key.target], ray.half_width_rad
+                if other in others and error_rad < math.pi / 2:
+                    anywhere = (0.0, math.inf)
+                    sights.append((member, enclosure[other], anywhere, ray.direction, error_rad))
+        if not sights or self._n_covers >= MOST_COVERS:
             return None
         self._n_covers += 1
-        names, targets, distances_m, rays, errors_rad = map(list, zip(*readings, strict=True))
-        places_m, flat = enclosure[targets], ((0, 0), (0, 1))
-        lower_m, upper_m = np.array(distances_m).T
-        return cover_poses(
-            PairReadings.of(
-                Interval(np.pad(places_m.lower, flat), np.pad(places_m.upper, flat)),
-                places_on_body(self._config, names),
-                Interval(lower_m, upper_m),
-                np.array(rays),
-                np.array(errors_rad),
-                np.ones(len(readings), dtype=bool),
-            ),
-            self._options,
-        )
+        return cover_poses(readings_of(self._config, sights), self._options)

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from itertools import chain, count
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +17,12 @@ from numpy.typing import NDArray
 from dg_localization.fleet.contradictions.suspects import Record
 from dg_localization.fleet.estimate import Estimate, FixedFrame, FrameKind, Placement
 from dg_localization.fleet.frames.odometry_frame import StandingFrame
+from dg_localization.fleet.rotations import best_rotation
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.window.earlier_sets import EarlierSets
 from dg_localization.fleet.window.forgetting import also_forgotten, left_out_until_s
 from dg_localization.fleet.window.memory import Ends, Spans
-from dg_localization.fleet.window.proved import Proved
-from dg_localization.fleet.window.recollection import chain_seconds
+from dg_localization.fleet.window.proved import Proved, chain_seconds
 
 FloatArray = NDArray[np.float64]
 
@@ -32,14 +33,6 @@ class Framed:
 
     placement: Placement
     frame: FixedFrame | None
-
-
-@dataclass(frozen=True)
-class _Followed:
-    """The placements of an estimate, numbered, and what they were found from."""
-
-    placements: tuple[Framed, ...]
-    stamp_s: float
 
 
 class Follower:
@@ -78,7 +71,9 @@ class Follower:
         self._memory_s = memory_s
         self._numbers = count(1) if numbers is None else numbers
         self._frame = frame
-        self._last = _Followed((), 0.0)
+        # The placements of the last estimate, numbered, and its time.
+        self._last: tuple[Framed, ...] = ()
+        self._last_s = 0.0
         self.forgotten: Spans = {}
         self.left_out: Mapping[Ends, float] = {}
         self._proved: tuple[Proved, ...] = ()
@@ -116,7 +111,7 @@ class Follower:
         That counts where an estimate was cancelled, too: its sets have gone on.
         """
         oldest_s = snapshot.stamp_s - snapshot.config.memory_s
-        if self._last.stamp_s > snapshot.stamp_s:
+        if self._last_s > snapshot.stamp_s:
             # The clock was set back: what is left out is of another time.
             self.forgotten, self.left_out = {}, {}
         self.forgotten = also_forgotten(self.forgotten, estimate.forgotten, oldest_s)
@@ -155,14 +150,13 @@ class Follower:
     def _numbered(self, snapshot: Snapshot, estimate: Estimate) -> Estimate:
         """Return an estimate with the numbers of its hypotheses."""
         listed = _listed(estimate)
-        before = self._last
-        pairs = matches(snapshot, before.stamp_s, before.placements, listed)
+        pairs = matches(snapshot, self._last_s, self._last, listed)
         numbered = []
         for row, one in enumerate(listed):
-            known = before.placements[pairs[row]].placement.number if row in pairs else None
+            known = self._last[pairs[row]].placement.number if row in pairs else None
             number = next(self._numbers) if known is None else known
             numbered.append(replace(one, placement=replace(one.placement, number=number)))
-        self._last = _Followed(tuple(numbered), snapshot.stamp_s)
+        self._last, self._last_s = tuple(numbered), snapshot.stamp_s
         return _with_placements(estimate, [one.placement for one in numbered])
 
 
@@ -198,89 +192,39 @@ def matches(
     anchors. Any other frame moves with the fleet: there the shapes are compared, and a mirror
     image is another shape.
     """
-    if not before or not now:
-        return {}
-    old_placements = [one.placement for one in before]
-    new_placements = [one.placement for one in now]
-    first, second = _positions(old_placements)[:, None], _positions(new_placements)[None]
-    known = np.asarray(np.isfinite(first).all(axis=-1) & np.isfinite(second).all(axis=-1))
-    at_rest = np.array(
-        [[old.frame == new.frame and _is_at_rest(new.frame) for new in now] for old in before]
-    )
-    cost_m2 = np.where(at_rest, _moved_m2(first, second, known), _bent_m2(first, second, known))
-    possible = _distances_agree(snapshot, before_s, old_placements, new_placements)
-    cost_m2 = np.where(possible & _share_robots(first, second, known), cost_m2, np.inf)
-    found: dict[int, int] = {}
-    for flat in np.argsort(cost_m2, axis=None, kind='stable'):
-        old, new = divmod(int(flat), len(now))
-        if not np.isfinite(cost_m2[old, new]):
-            break
-        if new not in found and old not in found.values():
-            found[new] = old
-    return found
-
-
-def _positions(placements: Sequence[Placement]) -> FloatArray:
-    return np.stack([placement.positions_m for placement in placements])
-
-
-def _distances_agree(
-    snapshot: Snapshot, before_s: float, before: Sequence[Placement], now: Sequence[Placement]
-) -> NDArray[np.bool_]:
-    """Return which placements of before and of now, (k, m), may have the same distances."""
-    moved = np.array(
+    moved_m = np.array(
         [
             snapshot.motion.displacement_m(robot, before_s, snapshot.stamp_s)
             for robot in snapshot.config.robots
         ]
     )
-    slack = moved[:, None] + moved[None]
-    lower = np.stack([placement.lower_m - slack for placement in before])
-    upper = np.stack([placement.upper_m + slack for placement in before])
-    new_lower = np.stack([placement.lower_m for placement in now])
-    new_upper = np.stack([placement.upper_m for placement in now])
-    meet = (lower[:, None] <= new_upper[None]) & (new_lower[None] <= upper[:, None])
-    return np.asarray(meet.all(axis=(2, 3)))
+    slack_m = moved_m[:, None] + moved_m[None]
+    costs_m2 = {
+        (row, number): cost_m2
+        for row, old in enumerate(before)
+        for number, new in enumerate(now)
+        if (cost_m2 := _difference_m2(old, new, slack_m)) < math.inf
+    }
+    found: dict[int, int] = {}
+    for row, number in sorted(costs_m2, key=lambda pair: costs_m2[pair]):
+        if number not in found and row not in found.values():
+            found[number] = row
+    return found
 
 
-def _share_robots(
-    first: FloatArray, second: FloatArray, known: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
-    """Return which placements, (k, m), have more than one robot in common, or all of one."""
-    fewest = np.minimum(_n_placed(first), _n_placed(second))
-    return np.asarray(known.sum(axis=-1) >= np.clip(fewest, 1, 2))
-
-
-def _n_placed(positions: FloatArray) -> NDArray[np.int_]:
-    """Return how many robots have a position in each placement."""
-    return np.asarray(np.isfinite(positions).all(axis=-1).sum(axis=-1))
-
-
-def _is_at_rest(frame: FixedFrame | None) -> bool:
-    return frame is not None and frame.kind is FrameKind.ANCHORS
-
-
-def _moved_m2(first: FloatArray, second: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
-    """Return how far the robots moved from placement to placement: mean squares, (k, m)."""
-    squares = np.where(known[..., None], first - second, 0.0) ** 2
-    return np.asarray(squares.sum(axis=(-1, -2)) / np.maximum(known.sum(axis=-1), 1))
-
-
-def _bent_m2(first: FloatArray, second: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
-    """Return the same after the motion of the fleet as a whole that fits best."""
-    first, second = _centered(first, known), _centered(second, known)
-    values = np.linalg.svd(np.einsum('kmni,kmnj->kmij', first, second), compute_uv=True)
-    turns = np.sign(np.linalg.det(values.U) * np.linalg.det(values.Vh))
-    gain = values.S[..., :-1].sum(axis=-1) + turns * values.S[..., -1]
-    spread = (first**2).sum(axis=(-1, -2)) + (second**2).sum(axis=(-1, -2))
-    mean = np.maximum(spread - 2.0 * gain, 0.0) / np.maximum(known.sum(axis=-1), 1)
-    return np.asarray(mean)
-
-
-def _centered(points: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
-    """Return points around the middle of those that are known, zero for the others."""
-    shape = (*known.shape, points.shape[-1])
-    points = np.where(known[..., None], np.broadcast_to(points, shape), 0.0)
-    count = np.maximum(known.sum(axis=-1), 1)[..., None, None]
-    middle = points.sum(axis=-2, keepdims=True) / count
-    return np.asarray(np.where(known[..., None], points - middle, 0.0))
+def _difference_m2(before: Framed, now: Framed, slack_m: FloatArray) -> float:
+    """Return the mean square by which positions differ; infinite where they are not of one."""
+    old, new = before.placement, now.placement
+    meet = (old.lower_m - slack_m <= new.upper_m) & (new.lower_m <= old.upper_m + slack_m)
+    placed = [np.isfinite(one.positions_m).all(axis=1) for one in (old, new)]
+    shared = placed[0] & placed[1]
+    # They have more than one robot in common, or all of one.
+    fewest = min(int(one.sum()) for one in placed)
+    if not meet.all() or shared.sum() < min(max(fewest, 1), 2):
+        return math.inf
+    first_m, second_m = old.positions_m[shared], new.positions_m[shared]
+    is_at_rest = now.frame is not None and now.frame.kind is FrameKind.ANCHORS
+    if not (is_at_rest and before.frame == now.frame):
+        first_m, second_m = first_m - first_m.mean(axis=0), second_m - second_m.mean(axis=0)
+        first_m = first_m @ best_rotation(first_m, second_m).T
+    return float(((first_m - second_m) ** 2).sum(axis=1).mean())

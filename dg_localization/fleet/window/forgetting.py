@@ -61,6 +61,16 @@ def ends_between(config: FleetConfig, body: str, others: Iterable[str]) -> froze
     return frozenset(product(config.points_on(body), theirs))
 
 
+def ends_of(config: FleetConfig, pairs: Iterable[Pair]) -> frozenset[Ends]:
+    """Return the points by which pairs of bodies observe each other."""
+    robots = config.robots
+    found: frozenset[Ends] = frozenset()
+    for first, second in pairs:
+        others = config.anchors if first == WORLD else (robots[first],)
+        found |= ends_between(config, robots[second], others)
+    return found
+
+
 def also_forgotten(known: Spans, more: Iterable[Forgotten], oldest_s: float = -math.inf) -> Spans:
     """Return which observations are forgotten, with some more, without those that are older."""
     spans = {

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet.config import FleetConfig
+from dg_localization.fleet.mounts import AHEAD
 from dg_localization.fleet.vocabulary import DistanceReading, RayReading
 from dg_localization.poses import NO_RAY_RAD
 
@@ -45,8 +46,6 @@ WORLD = -1
 
 Pair = tuple[int, int]
 """Two bodies, the smaller index first: the world before any robot."""
-
-AHEAD = np.array([1.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,10 +13,10 @@ import numpy as np
 
 from dg_localization.fleet.constraints.distances import PairBounds
 from dg_localization.fleet.constraints.rays import RayBundle
-from dg_localization.fleet.mounts import places_on_body
+from dg_localization.fleet.mounts import AHEAD, Sight, readings_of
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.window.earlier_sets import EarlierSets
-from dg_localization.fleet.window.forgetting import Forgotten, ends_between
+from dg_localization.fleet.window.forgetting import Forgotten, ends_between, ends_of
 from dg_localization.fleet.window.memory import WORLD, Pair
 from dg_localization.interval.arrays import Interval, squared_norm
 from dg_localization.interval.bounds import squared_distance
@@ -181,38 +181,24 @@ def _readings_of_moment(snapshot: Snapshot, robot: str) -> PairReadings | None:
     rows = {name: row for row, name in enumerate(config.points)}
     anchors = {name: snapshot.anchors.boxes.get(rows[name]) for name in config.anchors}
     own = config.points_on(robot)
-    ends, places, bounds, rays = [], [], [], []
+    sights: list[Sight] = []
     for ray in snapshot.rays:
         place = anchors.get(ray.key.target)
         if ray.key.observer in own and place is not None:
-            (turned,) = RayBundle([ray], 1, rows, snapshot.motion, 2).now(now_s)
+            (turned,) = RayBundle([ray], 1, rows, snapshot.motion).now(now_s)
             off_m = np.full(2, ray.displacement_m)
-            ends.append(ray.key.observer)
-            places.append(place + Interval(-off_m, off_m))
-            bounds.append((0.0, math.inf))
-            rays.append((turned.direction, turned.half_width_rad))
-    if not rays:
+            around, anywhere = place + Interval(-off_m, off_m), (0.0, math.inf)
+            sight = ray.key.observer, around, anywhere, turned.direction, turned.half_width_rad
+            sights.append(sight)
+    if not sights:
         return None
     for distance in snapshot.distances:
+        bounds_m = distance.lower_m, distance.upper_m
         for end, other in (distance.key.ends, distance.key.ends[::-1]):
             place = anchors.get(other)
-            if end in own and place is not None and distance.lower_m <= distance.upper_m:
-                ends.append(end)
-                places.append(place)
-                bounds.append((distance.lower_m, distance.upper_m))
-                rays.append((np.array([1.0, 0.0, 0.0]), NO_RAY_RAD))
-    points_m = np.zeros((2, len(ends), 3))
-    points_m[0, :, :2] = [place.lower for place in places]
-    points_m[1, :, :2] = [place.upper for place in places]
-    directions, errors_rad = zip(*rays, strict=True)
-    return PairReadings.of(
-        Interval(*points_m),
-        places_on_body(config, ends),
-        Interval(*np.array(bounds).T),
-        np.array(directions),
-        np.array(errors_rad),
-        True,
-    )
+            if end in own and place is not None and bounds_m[0] <= bounds_m[1]:
+                sights.append((end, place, bounds_m, AHEAD, NO_RAY_RAD))
+    return readings_of(config, sights)
 
 
 @dataclass(frozen=True)
@@ -310,7 +296,6 @@ def _what_contradicts(
     """Return what to forget where observations of a pair up to a time contradict newer ones."""
     robots, now_s = snapshot.config.robots, snapshot.stamp_s
     first, second = pair
-    others = tuple(snapshot.config.anchors) if first == WORLD else (robots[first],)
     name = 'the anchors' if first == WORLD else robots[first]
     text = f'what {robots[second]} and {name} measured of each other '
     if since_s is None:
@@ -318,7 +303,7 @@ def _what_contradicts(
     else:
         text += f'more than {now_s - since_s:.1f} s ago contradicts what they measured since'
     return Forgotten(
-        ends=ends_between(snapshot.config, robots[second], others),
+        ends=ends_of(snapshot.config, [pair]),
         before_s=now_s,
         text=text,
         after_s=after_s,

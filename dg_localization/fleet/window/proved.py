@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.estimate import FixedFrame, FrameKind, Placement
 from dg_localization.fleet.rotations import yaw_of
 from dg_localization.fleet.snapshot import Snapshot
@@ -25,6 +26,13 @@ from dg_localization.poses.cover import arc_around
 from dg_localization.poses.turns import HALF_TURN_UP, TURN, turned
 
 FloatArray = NDArray[np.float64]
+
+
+WINDOW_SHARE = 0.5
+"""
+Of the memory, for what robots measured of each other. An estimate proves something of the next
+one for the rest of it: nothing older than the memory has any effect.
+"""
 
 
 @dataclass(frozen=True)
@@ -127,6 +135,11 @@ class CarriedPlacements:
             np.where(unknown, -np.inf, seen.lower), np.where(unknown, np.inf, seen.upper)
         )
         return seen, yaw + turn
+
+
+def chain_seconds(config: FleetConfig) -> float:
+    """Return for how long an estimate proves something of later ones."""
+    return (1.0 - WINDOW_SHARE) * config.memory_s
 
 
 def heading_arcs(placement: Placement) -> FloatArray:

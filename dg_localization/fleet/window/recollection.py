@@ -5,23 +5,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-import math
 import time
-from typing import NamedTuple, TypeVar
-
-import numpy as np
+from typing import TypeVar
 
 from dg_localization.fleet.answers import Answer
-from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.estimate import FixedFrame, Group, Placement
 from dg_localization.fleet.frames.plan import FramePlan, Plans
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.fleet.window.carry import Tilt
 from dg_localization.fleet.window.earlier_sets import EarlierSets
-from dg_localization.fleet.window.forgetting import Forgotten, ends_between, without
+from dg_localization.fleet.window.forgetting import Forgotten, ends_of, without
 from dg_localization.fleet.window.memory import WORLD, Ends, Pair
 from dg_localization.fleet.window.pose_sets import (
     NO_POSE_SETS,
@@ -29,10 +25,19 @@ from dg_localization.fleet.window.pose_sets import (
     place_by_moment,
     place_robots,
 )
-from dg_localization.fleet.window.proved import CarriedPlacements, Proved
+from dg_localization.fleet.window.proved import (
+    WINDOW_SHARE,
+    CarriedPlacements,
+    Proved,
+    chain_seconds,
+)
 from dg_localization.fleet.window.shape_headings import (
+    Narrow,
+    Remaining,
     narrow_in_plane,
     narrow_in_space,
+    parted,
+    sifted,
     within_bounds,
 )
 from dg_localization.poses import PairOptions, PairReadings
@@ -54,12 +59,6 @@ Observations of a pair, and of all, that narrow headings: a pair has more of the
 few. More cost time and tell little more.
 """
 
-WINDOW_SHARE = 0.5
-"""
-Of the memory, for what robots measured of each other. An estimate proves something of the next
-one for the rest of it: nothing older than the memory has any effect.
-"""
-
 CHAIN_SHARE = 0.5
 """Of the time that a chain of estimates counts: then the next begins, to be ready at its end."""
 
@@ -77,7 +76,6 @@ MOST_REFITTED = 4
 """More placements than these stay as they are: none of them is the answer yet."""
 
 Part = TypeVar('Part', Answer, Group)
-Narrow = Callable[[Placement], Placement | str]
 Refit = Callable[[FramePlan, Placement], Placement]
 
 
@@ -115,13 +113,6 @@ class Allowance:
             return cancelled or late or time.thread_time() > end_s
 
         return stopped
-
-
-class Remaining(NamedTuple):
-    """The placements that a window leaves of some, and a sentence on each that is impossible."""
-
-    placements: tuple[Placement, ...] = ()
-    ruled_out: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -163,25 +154,15 @@ class Recollection:
     tilts: Mapping[int, Tilt] = field(default_factory=dict)
     in_doubt: tuple[str, ...] = ()
 
-    @property
-    def config(self) -> FleetConfig:
-        """The configuration of the snapshot."""
-        return self.snapshot.config
-
-    @property
-    def stamp_s(self) -> float:
-        """The time of the snapshot."""
-        return self.snapshot.stamp_s
-
     def without_pose_sets(self) -> Recollection:
         """Return this without the pose sets, which contradict the moment, and forget them."""
         pairs = [*((WORLD, robot) for robot in self.pose_sets.covers), *self.pose_sets.relative]
-        forgotten = self.forgetting(_ends_of(self.config, pairs), CONTRADICTS_NOW)
+        forgotten = self.forgetting(ends_of(self.snapshot.config, pairs), CONTRADICTS_NOW)
         return replace(self, pose_sets=NO_POSE_SETS, replaced=frozenset(), forgotten=forgotten)
 
     def forgetting(self, ends: frozenset[Ends], text: str) -> tuple[Forgotten, ...]:
         """Return what is forgotten, with all observations of some points."""
-        return (*self.forgotten, Forgotten(ends, self.stamp_s, text))
+        return (*self.forgotten, Forgotten(ends, self.snapshot.stamp_s, text))
 
     @property
     def empty(self) -> bool:
@@ -197,16 +178,16 @@ class Recollection:
 
         The chains after it have their shares of the time that is left.
         """
-        outliers, stopped = self.config.window_outliers, self.allowance.part(1)
-        if self.config.dimension == 2:
+        outliers, stopped = self.snapshot.config.window_outliers, self.allowance.part(1)
+        if self.snapshot.config.dimension == 2:
             stopped = self.allowance.part(len(self.chains) - chain)
 
         def narrow_with(boxes: int, programs: int = 0) -> Narrow:
             options = PairOptions(outliers, JOINT_RESOLUTION_M, boxes, programs)
 
             def narrow(placement: Placement) -> Placement | str:
-                sets, robots = self.pose_sets, self.config.robots
-                if self.config.dimension == 3:
+                sets, robots = self.pose_sets, self.snapshot.config.robots
+                if self.snapshot.config.dimension == 3:
                     found = narrow_in_space(placement, frame.kind, sets, self.tilts)
                 else:
                     found = narrow_in_plane(
@@ -216,23 +197,23 @@ class Recollection:
 
             return narrow
 
-        if self.config.dimension == 3:
-            return _sifted(placements, narrow_with(COARSE_BOXES))
+        if self.snapshot.config.dimension == 3:
+            return sifted(placements, narrow_with(COARSE_BOXES))
         left = _carried_on(placements, frame, self.chains[chain])
         sentences = left.ruled_out
-        best, others = _parted(left.placements, MOST_REFINED)
+        best, others = parted(left.placements, MOST_REFINED)
         if others:
-            left = _sifted(left.placements, narrow_with(COARSE_BOXES))
+            left = sifted(left.placements, narrow_with(COARSE_BOXES))
             sentences += left.ruled_out
-            best, others = _parted(left.placements, MOST_REFINED)
+            best, others = parted(left.placements, MOST_REFINED)
         boxes = FINE_BOXES if outliers else COARSE_BOXES
-        refined = _sifted(best, narrow_with(boxes, PROGRAM_BOXES))
+        refined = sifted(best, narrow_with(boxes, PROGRAM_BOXES))
         return Remaining((*refined.placements, *others), sentences + refined.ruled_out)
 
     def _over(self, pair: Pair) -> str:
         """Return the name of a pair and for how long it has measured, if not just now."""
         first, second = pair
-        robots = self.config.robots
+        robots = self.snapshot.config.robots
         names = f'{"anchors" if first == WORLD else robots[first]} - {robots[second]}'
         return f'{names} over {self.spans_s[pair]:.0f} s' if pair in self.spans_s else names
 
@@ -298,11 +279,6 @@ def recall(
     )
 
 
-def chain_seconds(config: FleetConfig) -> float:
-    """Return for how long an estimate proves something of later ones."""
-    return (1.0 - WINDOW_SHARE) * config.memory_s
-
-
 @dataclass(frozen=True)
 class NarrowedAnswer:
     """
@@ -354,7 +330,7 @@ def narrow_answer(
         alone = replace(recalled, chains=(None,), forgotten=forgotten)
         return narrow_answer(found, plans, alone, refit)
     if emptied:
-        ends = _ends_of(recalled.config, recalled.spans_s)
+        ends = ends_of(recalled.snapshot.config, recalled.spans_s)
         return NarrowedAnswer(found, (), recalled.forgetting(ends, CONTRADICTS_NOW))
     proved: tuple[Proved, ...] = ()
     if plans.main is not None:
@@ -374,7 +350,7 @@ def _refitted(
     placements: tuple[Placement, ...], plan: FramePlan, recalled: Recollection, refit: Refit
 ) -> tuple[Placement, ...]:
     """Return placements, in the plane with new best points where they are few."""
-    if recalled.config.dimension == 3 or len(placements) > MOST_REFITTED:
+    if recalled.snapshot.config.dimension == 3 or len(placements) > MOST_REFITTED:
         return placements
     return tuple(refit(plan, placement) for placement in placements)
 
@@ -396,52 +372,15 @@ def _what_is_proved(
     """
     listed = found.placements
     complete = len(listed) == found.n_hypotheses and not any(p.dropped for p in listed)
-    if not complete or recalled.forgotten or recalled.config.dimension != 2:
+    if not complete or recalled.forgotten or recalled.snapshot.config.dimension != 2:
         return
     if recalled.pose_sets.of_whole_memory:
         return
     for chain, carried in enumerate(recalled.chains):
         left = recalled.narrow(listed, frame, chain) if chain else oldest
         if left.placements:
-            since_s = recalled.stamp_s if carried is None else carried.since_s
-            yield Proved(left.placements, frame, recalled.stamp_s, since_s)
-
-
-def _sifted(placements: Sequence[Placement], narrow: Narrow) -> Remaining:
-    """
-    Return what `narrow` leaves of placements, or says to rule them out.
-
-    Those whose headings are known least come first, each with all the time that is left: a part
-    of it would not do for any. Where time is short the others have their turn at the next
-    estimate, which knows of these then.
-    """
-    unknown_rad = [
-        np.minimum(placement.heading_half_width_rad, math.pi).sum() for placement in placements
-    ]
-    order = np.argsort(-np.array(unknown_rad), kind='stable')
-    found = {int(number): narrow(placements[number]) for number in order}
-    left: list[Placement] = []
-    ruled_out: list[str] = []
-    lone = True
-    for number, placement in enumerate(placements):
-        narrowed = found[number]
-        if isinstance(narrowed, Placement):
-            left.append(replace(narrowed, mirrored=placement.mirrored and not lone))
-        else:
-            image = placement.mirrored or any(p.mirrored for p in placements[number + 1 :][:1])
-            what = 'mirror image' if image else 'hypothesis'
-            ruled_out.append(f'{what} ruled out by {narrowed}')
-        lone = not isinstance(narrowed, Placement)
-    return Remaining(tuple(left), tuple(ruled_out))
-
-
-def _parted(
-    placements: Sequence[Placement], most: int
-) -> tuple[Sequence[Placement], Sequence[Placement]]:
-    """Return the first `most` placements and the others; a mirror image stays with its image."""
-    if len(placements) > most and placements[most].mirrored:
-        most -= 1
-    return placements[:most], placements[most:]
+            since_s = recalled.snapshot.stamp_s if carried is None else carried.since_s
+            yield Proved(left.placements, frame, recalled.snapshot.stamp_s, since_s)
 
 
 def _carried_on(
@@ -457,14 +396,4 @@ def _carried_on(
             return f'the estimate {carried.age_s:.1f} s ago'
         return within_bounds(placement, bounds)
 
-    return _sifted(placements, go_on)
-
-
-def _ends_of(config: FleetConfig, pairs: Iterable[Pair]) -> frozenset[Ends]:
-    """Return the points that pairs of bodies observe each other by."""
-    robots = config.robots
-    found: frozenset[Ends] = frozenset()
-    for first, second in pairs:
-        others = config.anchors if first == WORLD else (robots[first],)
-        found |= ends_between(config, robots[second], others)
-    return found
+    return sifted(placements, go_on)

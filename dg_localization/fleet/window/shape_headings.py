@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,9 @@ from dg_localization.poses.cover import arc_around
 from dg_localization.poses.turns import HALF_TURN_UP, turned
 
 FloatArray = NDArray[np.float64]
+
+Narrow = Callable[[Placement], Placement | str]
+"""Returns what is left of a placement, or what rules it out."""
 
 KNOWN_HALF_WIDTH_RAD = 0.5 * math.pi
 """A heading in less than a half turn counts as known."""
@@ -218,3 +222,47 @@ def _with_orientations(
         heading_half_width_rad=half_widths,
         covariances=covariances,
     )
+
+
+class Remaining(NamedTuple):
+    """The placements that a window leaves of some, and a sentence on each that is impossible."""
+
+    placements: tuple[Placement, ...] = ()
+    ruled_out: tuple[str, ...] = ()
+
+
+def sifted(placements: Sequence[Placement], narrow: Narrow) -> Remaining:
+    """
+    Return what `narrow` leaves of placements, or says to rule them out.
+
+    Those whose headings are known least come first, each with all the time that is left: a part
+    of it would not do for any. Where time is short the others have their turn at the next
+    estimate, which knows of these then.
+    """
+    unknown_rad = [
+        np.minimum(placement.heading_half_width_rad, math.pi).sum() for placement in placements
+    ]
+    order = np.argsort(-np.array(unknown_rad), kind='stable')
+    found = {int(number): narrow(placements[number]) for number in order}
+    left: list[Placement] = []
+    ruled_out: list[str] = []
+    lone = True
+    for number, placement in enumerate(placements):
+        narrowed = found[number]
+        if isinstance(narrowed, Placement):
+            left.append(replace(narrowed, mirrored=placement.mirrored and not lone))
+        else:
+            image = placement.mirrored or any(p.mirrored for p in placements[number + 1 :][:1])
+            what = 'mirror image' if image else 'hypothesis'
+            ruled_out.append(f'{what} ruled out by {narrowed}')
+        lone = not isinstance(narrowed, Placement)
+    return Remaining(tuple(left), tuple(ruled_out))
+
+
+def parted(
+    placements: Sequence[Placement], most: int
+) -> tuple[Sequence[Placement], Sequence[Placement]]:
+    """Return the first `most` placements and the others; a mirror image stays with its image."""
+    if len(placements) > most and placements[most].mirrored:
+        most -= 1
+    return placements[:most], placements[most:]
