@@ -559,11 +559,6 @@ FLEET = [
     ),
     *_in(
         'fleet',
-        'window/follow',
-        ('test/fleet/test_overtaken.py',),
-    ),
-    *_in(
-        'fleet',
         'frames/finders',
         ('test/fleet/test_window.py',),
         (
@@ -1165,11 +1160,6 @@ FLEET = [
             'if self._pair_of(*key.ends) is not None)',
             'if self._pair_of(*key.ends) in self._rows)',
         ),
-    ),
-    *_in(
-        'fleet/contradictions',
-        'window_suspects',
-        ('test/fleet/test_window_suspects.py',),
     ),
     *_in(
         'fleet/window',

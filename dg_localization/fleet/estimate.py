@@ -9,15 +9,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
-import math
 
 import numpy as np
 
 from dg_localization.fleet.contradictions.suspects import Offender, Suspect
-from dg_localization.fleet.rotations import quaternion_of_yaw, yaw_of
+from dg_localization.fleet.rotations import nearest_in_arc, quaternion_of_yaw, yaw_of
 from dg_localization.fleet.vocabulary import Conflict, LinkKey, LinkState
 from dg_localization.fleet.window.forgetting import Forgotten
-from dg_localization.interval.angles import angle_up
 from dg_localization.solver.result import Statistics, Verdict
 
 
@@ -175,11 +173,11 @@ class Placement:
         if self.fitted_yaws_rad is None:
             return orientations, half_widths
         for robot in np.flatnonzero(self.heading_known & np.isfinite(self.fitted_yaws_rad)):
-            middle_rad, half_rad = yaw_of(orientations[robot]), float(half_widths[robot])
-            off_rad = math.remainder(float(self.fitted_yaws_rad[robot]) - middle_rad, math.tau)
-            off_rad = min(max(off_rad, -half_rad), half_rad)
-            orientations[robot] = quaternion_of_yaw(middle_rad + off_rad)
-            half_widths[robot] = min(math.pi, angle_up(angle_up(half_rad + abs(off_rad))))
+            fitted_rad, half_rad = float(self.fitted_yaws_rad[robot]), float(half_widths[robot])
+            yaw_rad, half_widths[robot] = nearest_in_arc(
+                fitted_rad, yaw_of(orientations[robot]), half_rad
+            )
+            orientations[robot] = quaternion_of_yaw(yaw_rad)
         return orientations, half_widths
 
 

@@ -167,8 +167,7 @@ def _solve(
 
 def _without_data(snapshot: Snapshot, recalled: Recollection) -> Estimate:
     """Return the estimate where there is nothing to solve."""
-    reason = _no_data_reason(snapshot)
-    return _estimate(snapshot, None, reason, forgotten=recalled.forgotten)
+    return _estimate(snapshot, None, _no_data_reason(snapshot), forgotten=recalled.forgotten)
 
 
 def _no_data_reason(snapshot: Snapshot) -> str:

@@ -62,7 +62,7 @@ class Localizer(MeasurementIntake):
         super().__init__(config)
         self._bodies = anchor_geometry(config), mount_geometry(config)
         self._lock = Lock()
-        self._follower = Follower(config.memory_s)
+        self._follower = Follower()
         # That of the estimate that began last, which may still run.
         self._newest = self._follower
         self._snapshots = 0
@@ -107,7 +107,7 @@ class Localizer(MeasurementIntake):
         """Forget all measurements and counts."""
         self._forget_all(self._config)
         with self._lock:
-            follower = self._follower.started_anew(self._config.memory_s)
+            follower = self._follower.started_anew()
             self._newest = self._follower = follower
             self._first = self._snapshots + 1
         self._answered_s = -math.inf

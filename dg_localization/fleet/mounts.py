@@ -13,7 +13,7 @@ certain, and a heading follows from the places of two sensors.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 from typing import TypeAlias
 
@@ -55,10 +55,6 @@ class MountGeometry:
     rays: Mapping[str, tuple[RayReading, ...]]
     arms_m: Mapping[str, np.ndarray]
     reach_m: Mapping[str, float]
-
-    def rays_at(self, observer: str, stamp_s: float) -> list[RayReading]:
-        """Return the directions from a point to the others of its robot, as seen at a time."""
-        return [replace(ray, stamp_s=stamp_s) for ray in self.rays.get(observer, ())]
 
 
 NO_MOUNTS = MountGeometry({}, (), {}, {}, {})

@@ -83,6 +83,13 @@ def quaternion_of_yaw(yaw_rad: float) -> FloatArray:
     return np.array([0.0, 0.0, math.sin(0.5 * yaw_rad), math.cos(0.5 * yaw_rad)])
 
 
+def nearest_in_arc(yaw_rad: float, middle_rad: float, half_rad: float) -> tuple[float, float]:
+    """Return the angle of an arc that is nearest to one, and its greatest angle to any of it."""
+    off_rad = math.remainder(yaw_rad - middle_rad, math.tau)
+    off_rad = min(max(off_rad, -half_rad), half_rad)
+    return middle_rad + off_rad, min(math.pi, angle_up(angle_up(half_rad + abs(off_rad))))
+
+
 def quaternion_of(rotation: FloatArray) -> FloatArray:
     """Return the unit quaternion xyzw of a rotation matrix."""
     m = rotation

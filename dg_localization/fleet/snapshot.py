@@ -17,6 +17,7 @@ import math
 from types import MappingProxyType
 from typing import TypeAlias
 
+from dg_localization.fleet.best_point.terms import LEAST_HALF_WIDTH
 from dg_localization.fleet.bodies import AnchorGeometry
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.measurements import MeasurementStore
@@ -33,9 +34,6 @@ from dg_localization.fleet.window.carry import CarriedWindow
 from dg_localization.fleet.window.memory import NO_WINDOW, Ends, Spans, Window
 from dg_localization.interval.bounds import product_up, sum_down, sum_up
 from dg_localization.solver.options import SolverOptions
-
-LEAST_HALF_WIDTH_M = 1e-6
-"""A reading without error must not outweigh all others beyond the digits of a number."""
 
 Displacement: TypeAlias = Callable[[str, float], float]
 """How far a point can have moved since a time in s, in m."""
@@ -217,7 +215,7 @@ def _distance_at(
         if math.isfinite(reading.likeliest_m):
             half_width_m = 0.5 * (reading.upper_m - reading.lower_m) + moved_m
             # A square of the quotient underflows to no weight, one of the width would overflow.
-            weight = (1.0 / max(half_width_m, LEAST_HALF_WIDTH_M)) ** 2
+            weight = (1.0 / max(half_width_m, LEAST_HALF_WIDTH)) ** 2
             likeliest_m += weight * reading.likeliest_m
             total_weight += weight
     likeliest_m = likeliest_m / total_weight if total_weight else math.nan

@@ -10,7 +10,7 @@ Every step only intersects with something the true fleet satisfies, rounded outw
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -201,8 +201,9 @@ def _bundles(
         for observer in members:
             if observer == robot or observer in seen:
                 # They come last: a pair of rays is compared at the time of the second.
-                known = snapshot.mounts.rays_at(observer, snapshot.stamp_s)
-                seen.setdefault(observer, []).extend(known)
+                known = snapshot.mounts.rays.get(observer, ())
+                now = (replace(ray, stamp_s=snapshot.stamp_s) for ray in known)
+                seen.setdefault(observer, []).extend(now)
     return {
         observer: RayBundle(rays, measured.get(observer, 0), rows, snapshot.motion)
         for observer, rays in seen.items()

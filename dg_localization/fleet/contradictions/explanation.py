@@ -120,13 +120,12 @@ def _triangles_hold(constraints: Constraints) -> bool:
     )
 
 
-def small_parts(snapshot: Snapshot, observed: Observations) -> tuple[Suspects, ...]:
-    """Return parts of the observations that concern few robots, small ones first."""
-    return tuple(dict.fromkeys(_regions(snapshot, observed)))
+def _small_parts(snapshot: Snapshot, observed: Observations) -> Iterator[Suspects]:
+    """
+    Yield parts of the observations that concern few robots, small ones first.
 
-
-def _regions(snapshot: Snapshot, observed: Observations) -> Iterator[Suspects]:
-    """Yield robots among the anchors, then pairs of these, then robots with their neighbors."""
+    Robots among the anchors, then pairs of these, then robots with their neighbors.
+    """
     config = snapshot.config
     ends = {
         one: frozenset((config.robot_of(one.name), config.robot_of(one.target)))
@@ -168,7 +167,7 @@ def explain_snapshot(
     kinds = list(SuspectKind)
     return explain(
         observed.observations,
-        small_parts(snapshot, observed),
+        list(dict.fromkeys(_small_parts(snapshot, observed))),
         [observed.covered_by(kind) for kind in kinds[kinds.index(config.outlier_unit) :]],
         ContradictionOracle(snapshot, observed, cancel),
         Limits(

@@ -230,8 +230,7 @@ class Offender:
 class Record:
     """The contradictions of the last `RECORD_S`."""
 
-    def __init__(self, memory_s: float) -> None:
-        self._memory_s = memory_s
+    def __init__(self) -> None:
         self._entries: list[tuple[float, frozenset[Suspect]]] = []
         self._noted: frozenset[Suspect] = frozenset()
 
@@ -242,16 +241,20 @@ class Record:
         return other
 
     def add(
-        self, stamp_s: float, sensors: Sequence[Suspect], in_window: Sequence[Suspect] = ()
+        self,
+        stamp_s: float,
+        memory_s: float,
+        sensors: Sequence[Suspect],
+        in_window: Sequence[Suspect] = (),
     ) -> None:
-        """Note whom an estimate made suspect."""
+        """Note whom an estimate made suspect, with observations of its window."""
         if self._entries and stamp_s < self._entries[-1][0]:
             # Time has jumped back: what was noted is of another time.
             self._entries.clear()
             self._noted = frozenset()
         fresh = frozenset(in_window) - self._noted
         # They may be missing from an estimate in between that had no time to look for them.
-        oldest_s = stamp_s - max(RECORD_S, self._memory_s)
+        oldest_s = stamp_s - max(RECORD_S, memory_s)
         self._noted = frozenset(one for one in self._noted | fresh if one.stamp_s > oldest_s)
         suspected = frozenset(sensors) | {observation.sensor for observation in fresh}
         if suspected:

@@ -27,6 +27,7 @@ from dg_localization.fleet.mounts import AHEAD, Sight, readings_of
 from dg_localization.fleet.rotations import (
     angles_rad,
     best_rotation,
+    nearest_in_arc,
     quaternion_of,
     quaternion_of_yaw,
     unit_vectors,
@@ -123,11 +124,8 @@ def heading_within(
         return heading
     middle_rad = 0.5 * (arc_rad[0] + arc_rad[1])
     fitted_rad = math.atan2(rotation[1, 0], rotation[0, 0])
-    offset_rad = math.remainder(fitted_rad - middle_rad, 2.0 * math.pi)
-    offset_rad = min(max(offset_rad, -half_arc_rad), half_arc_rad)
-    half_width_rad = angle_up(angle_up(half_arc_rad + abs(offset_rad)))
-    orientation = quaternion_of_yaw(middle_rad + offset_rad)
-    return Heading(orientation, min(math.pi, half_width_rad))
+    yaw_rad, half_width_rad = nearest_in_arc(fitted_rad, middle_rad, half_arc_rad)
+    return Heading(quaternion_of_yaw(yaw_rad), half_width_rad)
 
 
 def _sights(

@@ -30,7 +30,6 @@ from dg_localization.fleet.rotations import (
     rotation_of_quaternion,
 )
 from dg_localization.fleet.snapshot import Snapshot
-from dg_localization.fleet.vocabulary import OdometrySample
 from dg_localization.interval.angles import angle_up, chord_up, rotation_2d
 from dg_localization.interval.arrays import Interval, rotate
 from dg_localization.interval.bounds import product_up, sum_up
@@ -120,7 +119,7 @@ def body_pose(snapshot: Snapshot, robot: str, more_s: float = 0.0) -> BodyPose |
             return None
         rotation = level_rotations(rotation[None])[0]
     return BodyPose(
-        _frame_of(robot, last),
+        FixedFrame(FrameKind.ODOMETRY, (robot,), last.frame, last.restarted_s),
         position_m[: config.dimension],
         rotation @ turn.T,
         sum_up(moved_m, product_up(config.speed_m_s(robot), latency_s)),
@@ -180,10 +179,6 @@ def in_odometry_frame(
         covariances=_moved_covariances(placement, row, pose, turn),
         fitted_yaws_rad=fitted_yaws_rad,
     )
-
-
-def _frame_of(robot: str, reading: OdometrySample) -> FixedFrame:
-    return FixedFrame(FrameKind.ODOMETRY, (robot,), reading.frame, reading.restarted_s)
 
 
 def _fitted_deviation_rad(placement: Placement, row: int) -> float | None:

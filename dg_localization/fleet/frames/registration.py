@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.estimate import FrameKind
 from dg_localization.fleet.rotations import best_rotation, unit_vectors
+from dg_localization.fleet.vocabulary import RayReading
 from dg_localization.interval.angles import chord_up, rotation_2d
 from dg_localization.interval.arrays import Interval, cross, normalized, rotate
 
@@ -49,43 +50,46 @@ class CorePose:
         return turned if self.origin is None else turned + self.origin[None, :]
 
 
+@dataclass(frozen=True)
 class Registration:
-    """The fixed frame as the solved points know it."""
+    """
+    The fixed frame as the solved points know it.
 
-    def __init__(
-        self,
-        kind: FrameKind,
-        solved: Constraints,
-        cores: tuple[tuple[int, ...], ...],
-        anchors: Mapping[int, Interval],
-    ) -> None:
-        self.kind = kind
-        self.cores = cores
-        self.anchors = anchors
-        self._dimension = solved.dimension
-        self._rows = solved.rows
-        # Only a heading needs them.
-        self._rays = solved.rays.get(solved.points[cores[0][0]], ())
+    Parameters
+    ----------
+    kind : FrameKind
+    solved : Constraints
+    cores : tuple of tuple of int
+        Rows of the points that span it, best first.
+    anchors : mapping of int to Interval
+        The coordinates of the anchors by row.
+
+    """
+
+    kind: FrameKind
+    solved: Constraints
+    cores: tuple[tuple[int, ...], ...]
+    anchors: Mapping[int, Interval]
+
+    @property
+    def _rays(self) -> tuple[RayReading, ...]:
+        """The rays of the robot at the origin: only a heading needs them."""
+        return self.solved.rays.get(self.solved.points[self.cores[0][0]], ())
 
     def poses(self) -> dict[tuple[int, ...], CorePose]:
         """Return what is known of the axes of each core."""
-        if self.kind != FrameKind.ANCHORS:
-            return {core: self._pose_of(core) for core in self.cores}
-        # All at once: most fleets have several.
-        points = [
-            Interval.stack([self.anchors[core[place]] for core in self.cores], axis=0)
-            for place in range(self._dimension)
-        ]
-        axes = _axes_along([point - points[0] for point in points[1:]])
-        return {core: CorePose(axes[k], points[0][k]) for k, core in enumerate(self.cores)}
+        return {core: self._pose_of(core) for core in self.cores}
 
     def _pose_of(self, core: tuple[int, ...]) -> CorePose:
-        """Return what is known of the axes of a core of robots."""
+        """Return what is known of the axes of a core."""
+        if self.kind == FrameKind.ANCHORS:
+            origin, *others = (self.anchors[point] for point in core)
+            return CorePose(_axes_along([place - origin for place in others]), origin)
         if self.kind == FrameKind.ROBOTS:
             return CorePose()
-        rays = {self._rows[ray.key.target]: ray for ray in self._rays}
+        rays = {self.solved.rows[ray.key.target]: ray for ray in self._rays}
         chosen = [rays[point] for point in core[1:]]
-        if self._dimension == 2:
+        if self.solved.dimension == 2:
             x, y = chosen[0].direction[:2]
             return CorePose(rotation_2d(math.atan2(y, x), chosen[0].half_width_rad))
         edges = [Interval.around(ray.direction, chord_up(ray.half_width_rad)) for ray in chosen]
@@ -113,9 +117,9 @@ class Registration:
 
     def _rotation_to_rays(self, local: FloatArray) -> FloatArray:
         """Return the rotation that fits the rays of the reference robot best."""
-        directions = unit_vectors(local[[self._rows[ray.key.target] for ray in self._rays]])
+        directions = unit_vectors(local[[self.solved.rows[ray.key.target] for ray in self._rays]])
         weights = [1.0 / (ray.half_width_rad + 1e-6) for ray in self._rays]
-        seen = np.array([ray.direction[: self._dimension] for ray in self._rays])
+        seen = np.array([ray.direction[: self.solved.dimension] for ray in self._rays])
         return best_rotation(directions, seen, np.array(weights))
 
 

@@ -44,8 +44,6 @@ class Follower:
 
     Parameters
     ----------
-    memory_s : float
-        As of the configuration of the fleet.
     numbers : iterator of int, optional
         Of hypotheses that are new; all copies take theirs from it.
     frame : FixedFrame, optional
@@ -63,12 +61,8 @@ class Follower:
     """
 
     def __init__(
-        self,
-        memory_s: float,
-        numbers: Iterator[int] | None = None,
-        frame: FixedFrame | None = None,
+        self, numbers: Iterator[int] | None = None, frame: FixedFrame | None = None
     ) -> None:
-        self._memory_s = memory_s
         self._numbers = count(1) if numbers is None else numbers
         self._frame = frame
         # The placements of the last estimate, numbered, and its time.
@@ -79,13 +73,12 @@ class Follower:
         self._proved: tuple[Proved, ...] = ()
         self._standing_frame = StandingFrame()
         self._frame_changes = 0
-        self._record = Record(memory_s)
+        self._record = Record()
         self.earlier = EarlierSets()
 
-    def started_anew(self, memory_s: float | None = None) -> Follower:
+    def started_anew(self) -> Follower:
         """Return one that knows no hypothesis; numbers are not used again."""
-        kept_s = self._memory_s if memory_s is None else memory_s
-        return Follower(kept_s, self._numbers, self._frame)
+        return Follower(self._numbers, self._frame)
 
     def copied(self) -> Follower:
         """Return one that knows the same; what changes one does not change the other."""
@@ -130,7 +123,8 @@ class Follower:
         Its hypotheses have their numbers, and a frame other than that of the estimate before is
         announced.
         """
-        self._record.add(snapshot.stamp_s, estimate.suspected_sensors, estimate.suspects_in_window)
+        suspected = estimate.suspected_sensors, estimate.suspects_in_window
+        self._record.add(snapshot.stamp_s, snapshot.config.memory_s, *suspected)
         estimate = replace(estimate, offenders=self._record.offenders())
         estimate = self._standing_frame.turn(snapshot, self._numbered(snapshot, estimate))
         self._proved = proved
