@@ -11,7 +11,7 @@ once.
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -72,15 +72,7 @@ class AnchorGeometry:
         boxes = {point: box for point, box in self.boxes.items() if point in points}
         if not boxes:
             return AnchorGeometry({}, (), (), ())
-        rows, stacked = [*boxes], Interval.stack([*boxes.values()], axis=0)
-        bounds_m = 0.5 * np.max(stacked.upper - stacked.lower, axis=1)
-        compared = _well_spread(0.5 * (stacked.lower + stacked.upper), bounds_m)
-        return AnchorGeometry(
-            boxes=boxes,
-            distances=(),
-            chiralities=_chiralities(rows, stacked, compared),
-            cores=_cores(rows, stacked, compared),
-        )
+        return _geometry([*boxes], Interval.stack([*boxes.values()], axis=0))
 
 
 def anchor_geometry(config: FleetConfig) -> AnchorGeometry:
@@ -91,15 +83,25 @@ def anchor_geometry(config: FleetConfig) -> AnchorGeometry:
     rows = [index[name] for name in config.anchors]
     centers = np.array([anchor.coordinates_m for anchor in config.anchors.values()])
     bounds_m = np.array([anchor.bound_m for anchor in config.anchors.values()])
-    around = Interval.around(centers, bounds_m[:, None])
-    is_exact = bounds_m[:, None] == 0.0
-    boxes = Interval(
-        np.where(is_exact, centers, around.lower), np.where(is_exact, centers, around.upper)
+    distances = _distances(rows, Interval.point(centers), bounds_m)
+    return replace(_geometry(rows, boxes_around(centers, bounds_m[:, None])), distances=distances)
+
+
+def boxes_around(centers_m: FloatArray, bounds_m: FloatArray) -> Interval:
+    """Return boxes around places, rounded outward where they are not exact."""
+    around, is_exact = Interval.around(centers_m, bounds_m), bounds_m == 0.0
+    return Interval(
+        np.where(is_exact, centers_m, around.lower), np.where(is_exact, centers_m, around.upper)
     )
-    compared = _well_spread(centers, bounds_m)
+
+
+def _geometry(rows: list[int], boxes: Interval) -> AnchorGeometry:
+    """Return what the boxes of some anchors say, without their distances."""
+    bounds_m = 0.5 * np.max(boxes.upper - boxes.lower, axis=1)
+    compared = _well_spread(0.5 * (boxes.lower + boxes.upper), bounds_m)
     return AnchorGeometry(
         boxes={row: boxes[x] for x, row in enumerate(rows)},
-        distances=_distances(rows, Interval.point(centers), bounds_m),
+        distances=(),
         chiralities=_chiralities(rows, boxes, compared),
         cores=_cores(rows, boxes, compared),
     )

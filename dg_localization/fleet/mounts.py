@@ -20,7 +20,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dg_localization.fleet.bodies import bounded_squared_distance
+from dg_localization.fleet.bodies import bounded_squared_distance, boxes_around
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.sensors import Mount
 from dg_localization.fleet.vocabulary import LinkKey, LinkKind, RayReading
@@ -102,10 +102,7 @@ def places_on_body(config: FleetConfig, points: Sequence[str]) -> Interval:
     places_m = np.array([_in_space(mount.position_m) for mount in mounts]).reshape(-1, 3)
     bounds_m = np.zeros((len(mounts), 3))
     bounds_m[:, : config.dimension] = np.array([[mount.bound_m] for mount in mounts])
-    around, exact = Interval.around(places_m, bounds_m), bounds_m == 0.0
-    return Interval(
-        np.where(exact, places_m, around.lower), np.where(exact, places_m, around.upper)
-    )
+    return boxes_around(places_m, bounds_m)
 
 
 Sight: TypeAlias = tuple[str, Interval, tuple[float, float], ArrayLike, float]

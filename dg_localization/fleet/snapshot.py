@@ -155,12 +155,11 @@ def take_snapshot(
         return sum_up(origin_m, product_up(mounts.reach_m[point], turn_rad))
 
     distances, rays, links = [], [], []
-    all_young = store.young_readings(now_s)
     young = {}
-    for key, readings in all_young.items():
+    for key, all_young in store.young_readings(now_s).items():
         until_s = max(left_out.get(ends, -math.inf) for ends in (key.ends, key.ends[::-1]))
-        young[key] = [reading for reading in readings if reading.stamp_s > until_s]
-    for key, readings in young.items():
+        readings = [reading for reading in all_young if reading.stamp_s > until_s]
+        young[key] = readings
         lower_m, upper_m = 0.0, math.inf
         measured = [reading for reading in readings if isinstance(reading, DistanceReading)]
         if measured:
@@ -175,8 +174,8 @@ def take_snapshot(
             moved_m = _displacement_of_ends_m(key, ray.stamp_s, displacement_m)
             rays.append(replace(ray, displacement_m=moved_m))
         age_s = now_s - store.newest_stamp_s(key)
-        contradicts = bool(all_young[key]) and not readings
-        state = LinkState(key, lower_m, upper_m, age_s, not all_young[key], contradicts)
+        contradicts = bool(all_young) and not readings
+        state = LinkState(key, lower_m, upper_m, age_s, not all_young, contradicts)
         links.append(state)
     return Snapshot(
         config,

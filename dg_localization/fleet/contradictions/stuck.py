@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dg_localization.fleet.config import FleetConfig
+from dg_localization.fleet.rotations import rotation_angle_rad
 from dg_localization.fleet.vocabulary import DistanceReading, LinkKey, LinkKind, OdometrySample
 
 LEAST_WAY_M = 0.5
@@ -115,7 +116,7 @@ class StuckWatch:
                 if way_m >= LEAST_WAY_M:
                     return f'while {robot} moved by {way_m:.1f} m'
                 if key.kind is LinkKind.BEARING and robot == self._config.robot_of(key.observer):
-                    turn_rad = _angle_rad(before[robot].rotation.T @ now[robot].rotation)
+                    turn_rad = rotation_angle_rad(before[robot].rotation.T @ now[robot].rotation)
                     if turn_rad >= LEAST_TURN_RAD:
                         return f'while {robot} turned by {turn_rad:.1f} rad'
         if movable and not any(robot in now for robot in movable):
@@ -126,12 +127,6 @@ class StuckWatch:
 def _is_same_frame(before: OdometrySample, now: OdometrySample) -> bool:
     """Return whether odometry did not start anew between two readings."""
     return (before.frame, before.restarted_s) == (now.frame, now.restarted_s)
-
-
-def _angle_rad(rotation: np.ndarray) -> float:
-    """Return the angle of a rotation matrix."""
-    cosine = 0.5 * (float(np.trace(rotation)) - 1.0)
-    return math.acos(min(1.0, max(-1.0, cosine)))
 
 
 class _Still(NamedTuple):

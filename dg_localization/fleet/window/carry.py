@@ -11,7 +11,7 @@ odometry is left out: how far it may have moved soon says nothing.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from functools import cached_property
 from itertools import pairwise
 import math
@@ -62,6 +62,8 @@ class CarriedWindow:
                 )
         self._tables = {pair: Table.of(some, pair) for pair, some in sorted(rows.items())}
         self._paths: dict[int, OdometryPath] = {}
+        # For all observations of a robot, seen from where it is or from its track.
+        self._past: dict[tuple[int, bool], PastPoses] = {}
         observing = {body for pair in self._tables for body in pair} - {WORLD}
         # The times of all observations of a robot, ascending.
         self._stamps = {
@@ -212,12 +214,11 @@ class CarriedWindow:
             seen = seen.some(np.linspace(0, count - 1, most).astype(int))
         else:
             seen = seen.some(slice(count))
-        past = self._on_tracks if on_tracks else self._poses
-        poses, other = self._of(second, seen, past), None
+        poses, other = self._past_of(second, seen, on_tracks), None
         rays, errors_rad = poses.rays_now(*self._leveled_rays(second, seen))
         by_second = seen.seen_by_second
         if first != WORLD:
-            other = self._of(first, seen, past)
+            other = self._past_of(first, seen, on_tracks)
             others_rays, others_errors_rad = other.rays_now(*self._leveled_rays(first, seen))
             rays = np.where(by_second[:, None], rays, others_rays)
             errors_rad = np.where(by_second, errors_rad, others_errors_rad)
@@ -258,22 +259,6 @@ class CarriedWindow:
         rotations, errors_rad = self.path(robot).tilts([self._now_s])
         return Tilt(rotations[0], float(errors_rad[0]))
 
-    @cached_property
-    def _poses(self) -> dict[int, PastPoses]:
-        """Past poses of the robots seen from where they are, for all their observations."""
-        return {
-            body: self.path(body).past_poses(stamps, self._now_s)
-            for body, stamps in self._stamps.items()
-        }
-
-    @cached_property
-    def _on_tracks(self) -> dict[int, PastPoses]:
-        """Past poses of the robots seen from their tracks, for all their observations."""
-        return {
-            body: self.path(body).past_poses(stamps, self._now_s, on_track=True)
-            for body, stamps in self._stamps.items()
-        }
-
     def _pairs_of_robots(self, newest_s: float) -> list[Pair]:
         """Return the pairs of robots that observed each other in the `newest_s` before now."""
         oldest_s = self._now_s - newest_s
@@ -301,10 +286,13 @@ class CarriedWindow:
             return None
         return self._index[robot]
 
-    def _of(self, robot: int, seen: Table, past: Mapping[int, PastPoses]) -> PastPoses:
+    def _past_of(self, robot: int, seen: Table, on_tracks: bool) -> PastPoses:
         """Return where a robot was at the times of some of its observations."""
-        poses = past[robot]
-        index = np.searchsorted(self._stamps[robot], seen.stamps_s)
+        stamps_s, key = self._stamps[robot], (robot, on_tracks)
+        if key not in self._past:
+            path = self.path(robot)
+            self._past[key] = path.past_poses(stamps_s, self._now_s, on_track=on_tracks)
+        poses, index = self._past[key], np.searchsorted(stamps_s, seen.stamps_s)
         return PastPoses(poses.position_m[index], poses.yaw_rad[index])
 
     def _leveled_rays(

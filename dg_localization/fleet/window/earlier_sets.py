@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 import math
 
 import numpy as np
@@ -184,7 +185,6 @@ class _Step:
         self._step_s = config.memory_s / STEPS
         self._paths = [None if body == WORLD else self._carried.path(body) for body in pair]
         self.stamps_s = self._carried.stamps_s(pair)
-        self._readings: PairReadings | None = None
 
     def goes_on(self, known: EarlierSet) -> bool:
         """Return whether a set is of the past, and all odometry since then is known."""
@@ -212,7 +212,7 @@ class _Step:
         if len(chosen) <= self._options.max_outliers:
             return ()
         cover = cover_poses(
-            self._all_readings()[chosen], self._options, height_m=height_m, stopped=self._stopped
+            self._readings[chosen], self._options, height_m=height_m, stopped=self._stopped
         )
         if cover.empty or not cover.bounded:
             return ()
@@ -234,7 +234,7 @@ class _Step:
         chosen = np.flatnonzero(self.stamps_s >= after_s)
         if len(chosen):
             cover = cover_poses(
-                self._all_readings()[chosen], self._options, within=cover, stopped=self._stopped
+                self._readings[chosen], self._options, within=cover, stopped=self._stopped
             )
         fixed = known.fixed or self._carried.fixes_place(self._pair, chosen)
         lived_s = known.lived_s + self._measured_seconds(known.stamp_s)
@@ -263,8 +263,7 @@ class _Step:
         ]
         return EarlierSet(since_s, self._now_s, tuple(samples_s), cover, fixed, lived_s)
 
-    def _all_readings(self) -> PairReadings:
-        """Return all readings of the window, seen from the tracks now."""
-        if self._readings is None:
-            self._readings = self._carried.readings(self._pair, on_tracks=True)
-        return self._readings
+    @cached_property
+    def _readings(self) -> PairReadings:
+        """All readings of the window, seen from the tracks now."""
+        return self._carried.readings(self._pair, on_tracks=True)
