@@ -88,7 +88,7 @@ class Snapshot:
     @cached_property
     def carried(self) -> CarriedWindow:
         """What is remembered, seen from where the robots are now; made when it is asked for."""
-        return CarriedWindow(self)
+        return CarriedWindow(self.stamp_s, self.window, self.motion, self.anchors)
 
     @property
     def solver(self) -> SolverOptions:

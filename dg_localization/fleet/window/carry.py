@@ -15,22 +15,20 @@ from collections.abc import Iterable
 from functools import cached_property
 from itertools import pairwise
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.motion import way_between
+from dg_localization.fleet.bodies import AnchorGeometry
+from dg_localization.fleet.motion import Motion, way_between
 from dg_localization.fleet.mounts import places_on_body
 from dg_localization.fleet.odometry import MotionLimits, OdometryPath
 from dg_localization.fleet.vocabulary import LinkKey
-from dg_localization.fleet.window.memory import WORLD, Observation, Pair, Row, Table
+from dg_localization.fleet.window.memory import WORLD, Observation, Pair, Row, Table, Window
 from dg_localization.interval.arrays import Interval
 from dg_localization.interval.bounds import sum_up
 from dg_localization.poses import Cover, PairReadings, PastPoses
-
-if TYPE_CHECKING:
-    from dg_localization.fleet.snapshot import Snapshot
 
 
 class Tilt(NamedTuple):
@@ -43,12 +41,14 @@ class Tilt(NamedTuple):
 class CarriedWindow:
     """What the pairs of bodies observed of each other, seen from where both are now."""
 
-    def __init__(self, snapshot: Snapshot) -> None:
-        self._config, self._now_s = snapshot.config, snapshot.stamp_s
-        self._motion, self._anchors = snapshot.motion, snapshot.anchors
+    def __init__(
+        self, now_s: float, window: Window, motion: Motion, anchors: AnchorGeometry
+    ) -> None:
+        self._config, self._motion = motion.config, motion
+        self._now_s, self._anchors = now_s, anchors
         self._index = {name: i for i, name in enumerate(self._config.points)}
         rows: dict[Pair, list[Row]] = {}
-        for (observer, target, *reference), seen in snapshot.window.observations.items():
+        for (observer, target, *reference), seen in window.observations.items():
             pair = self._pair_of(observer, target)
             if pair is not None:
                 by_second = self._body_of(observer) == pair[1]
