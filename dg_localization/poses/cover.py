@@ -13,7 +13,7 @@ import numpy as np
 
 from dg_localization.interval.angles import angle_down, angle_up
 from dg_localization.interval.arrays import Interval
-from dg_localization.poses.components import label_boxes
+from dg_localization.interval.components import components
 from dg_localization.poses.grid import fill_cells
 from dg_localization.poses.half_spaces import HIGH, LOW, YAW
 from dg_localization.poses.readings import PastPoses
@@ -100,8 +100,7 @@ class Cover:
     @cached_property
     def components(self) -> tuple[Cover, ...]:
         """The parts that do not touch each other, those with most volume first."""
-        labels = label_boxes(self.boxes)
-        parts = [Cover(self.boxes[labels == k], self.refined) for k in np.unique(labels)]
+        parts = [Cover(self.boxes[some], self.refined) for some in components(self.boxes, TURN)]
         return tuple(sorted(parts, key=lambda part: -part.volume))
 
     @property

@@ -68,8 +68,11 @@ NO_RAY, BY_A, BY_B = 0.0, 1.0, 2.0
 
 # Between these lengths a normalized vector has length 1 to within a few units, and nothing
 # overflows. Longer ones say nothing.
+STEEP = 1e-3
+"""A direction whose level part is below this has no direction across it in the plane."""
+
 _SHORTEST = 1e-140
-_LONGEST = 1e140
+LONGEST = 1e140
 
 # The vector w at the center of the box: itself, the parts that turn with the two bodies, its
 # length, a bound of all absolute terms in it anywhere in the box, and how far it strays there.
@@ -94,6 +97,75 @@ def _error_along(
 
 
 @kernel(inlined=True)
+def _stray(
+    view: np.ndarray, bodies: tuple[int, int], w: np.ndarray, ux: float, uy: float, uz: float
+) -> float:
+    """
+    Bound how far w strays within the box from the line along the unit vector u.
+
+    Across u it has a level part, and one in the upright plane of u.
+    """
+    a, b = view[bodies[0]], view[bodies[1]]
+    level = math.sqrt(ux * ux + uy * uy)
+    if level < STEEP:
+        return w[BALL]
+    ex, ey = -uy / level, ux / level
+    across = abs(ex) * (a[HALF + X] + b[HALF + X]) + abs(ey) * (a[HALF + Y] + b[HALF + Y])
+    for body, at in ((a, TURNED_A), (b, TURNED_B)):
+        value, slope = abs(ex * w[at] + ey * w[at + 1]), abs(ex * w[at + 1] - ey * w[at])
+        across += slope * body[HALF + YAW] + beyond_first_order(body[HALF + YAW], value, slope)
+    upright = abs(uz) * w[BALL] + level * (a[HALF + Z] + b[HALF + Z])
+    return min(w[BALL], math.sqrt(across * across + upright * upright))
+
+
+@kernel(inlined=True)
+def distance_half_spaces(
+    view: np.ndarray, bodies: tuple[int, int], row: np.ndarray, w: np.ndarray
+) -> tuple[bool, tuple[float, float, float, float, float], float, float, float]:
+    """
+    Return whether a distance is the measured one all over a box, and half-spaces that bound it.
+
+    These are their slopes and reach, and the room of what is at most as far as measured, and, with
+    the slopes reversed, of what is as far at least; infinite where it says nothing.
+    """
+    a, b = bodies
+    norm, ball, nearest, farthest = w[NORM], w[BALL], row[NEAREST], row[FARTHEST]
+    ux, uy, uz = 1.0, 0.0, 0.0
+    aligned = _SHORTEST < norm < LONGEST
+    if aligned:
+        inverse = 1.0 / norm
+        ux, uy, uz = w[W] * inverse, w[W + 1] * inverse, w[W + 2] * inverse
+    value_a = -ux * w[TURNED_A] - uy * w[TURNED_A + 1]
+    slope_a = ux * w[TURNED_A + 1] - uy * w[TURNED_A]
+    value_b = ux * w[TURNED_B] + uy * w[TURNED_B + 1]
+    slope_b = uy * w[TURNED_B] - ux * w[TURNED_B + 1]
+    slopes = (ux, uy, uz, slope_a, slope_b)
+    data = _error_along(view[a], row, A_ERROR, ux, uy, uz)
+    data += _error_along(view[b], row, B_ERROR, ux, uy, uz)
+    if norm + ball <= farthest + data and norm - ball >= nearest - data:
+        return True, slopes, 0.0, math.inf, math.inf
+    half_a, half_b = view[a, HALF + YAW], view[b, HALF + YAW]
+    along = ux * w[W] + uy * w[W + 1] + uz * w[W + 2]
+    reach = reach_of(view, bodies, slopes)
+    below = data + beyond_first_order(half_a, value_a, slope_a)
+    below += beyond_first_order(half_b, value_b, slope_b)
+    far = near = math.inf
+    if farthest < math.inf:
+        far = with_error(farthest - along + below, w[MAGNITUDE] + farthest)
+    stray = math.inf
+    if aligned and norm - ball < nearest - data:
+        stray = _stray(view, bodies, w, ux, uy, uz)
+        stray = with_error(stray + row[ERROR_RADIUS], w[MAGNITUDE])
+    if nearest > stray:
+        least = sqrt_down(down(square_down(nearest) - square_up(stray)))
+        if with_error(reach + below - along, w[MAGNITUDE] + reach) < least:
+            above = data + beyond_first_order(half_a, -value_a, slope_a)
+            above += beyond_first_order(half_b, -value_b, slope_b)
+            near = with_error(along - least + above, w[MAGNITUDE] + nearest)
+    return False, slopes, reach, far, near
+
+
+@kernel(inlined=True)
 def _cut_distance(
     faces: np.ndarray,
     smear: np.ndarray,
@@ -104,44 +176,18 @@ def _cut_distance(
     w: np.ndarray,
 ) -> int:
     """Cut off where the distance of the two points is not the measured one."""
-    a, b = bodies
-    norm, ball, nearest, farthest = w[NORM], w[BALL], row[NEAREST], row[FARTHEST]
-    ux, uy, uz = 1.0, 0.0, 0.0
-    aligned = _SHORTEST < norm < _LONGEST
-    if aligned:
-        inverse = 1.0 / norm
-        ux, uy, uz = w[W] * inverse, w[W + 1] * inverse, w[W + 2] * inverse
-    data = _error_along(view[a], row, A_ERROR, ux, uy, uz)
-    data += _error_along(view[b], row, B_ERROR, ux, uy, uz)
-    if norm + ball <= farthest + data and norm - ball >= nearest - data:
+    settled, slopes, reach, far, near = distance_half_spaces(view, bodies, row, w)
+    if settled:
         return SETTLED
-    value_a = -ux * w[TURNED_A] - uy * w[TURNED_A + 1]
-    slope_a = ux * w[TURNED_A + 1] - uy * w[TURNED_A]
-    value_b = ux * w[TURNED_B] + uy * w[TURNED_B + 1]
-    slope_b = uy * w[TURNED_B] - ux * w[TURNED_B + 1]
-    half_a, half_b = view[a, HALF + YAW], view[b, HALF + YAW]
-    slopes = (ux, uy, uz, slope_a, slope_b)
-    if ball < norm:
+    if w[BALL] < w[NORM]:
         spread(smear, view, bodies, slopes)
     else:
         spread(smear, view, bodies, (1.0, 1.0, 1.0, row[A_RADIUS], row[B_RADIUS]))
-    along = ux * w[W] + uy * w[W + 1] + uz * w[W + 2]
-    reach = reach_of(view, bodies, slopes)
-    below = data + beyond_first_order(half_a, value_a, slope_a)
-    below += beyond_first_order(half_b, value_b, slope_b)
-    if farthest < math.inf:
-        room = with_error(farthest - along + below, w[MAGNITUDE] + farthest)
-        if cut(faces, box, view, bodies, reach, slopes, room):
-            return RULED_OUT
-    stray = with_error(ball + row[ERROR_RADIUS], w[MAGNITUDE])
-    if aligned and nearest > stray:
-        least = sqrt_down(down(square_down(nearest) - square_up(stray)))
-        if with_error(reach + below - along, w[MAGNITUDE] + reach) < least:
-            above = data + beyond_first_order(half_a, -value_a, slope_a)
-            above += beyond_first_order(half_b, -value_b, slope_b)
-            room = with_error(along - least + above, w[MAGNITUDE] + nearest)
-            if cut(faces, box, view, bodies, reach, (-ux, -uy, -uz, -slope_a, -slope_b), room):
-                return RULED_OUT
+    x, y, z, slope_a, slope_b = slopes
+    if cut(faces, box, view, bodies, reach, slopes, far):
+        return RULED_OUT
+    if cut(faces, box, view, bodies, reach, (-x, -y, -z, -slope_a, -slope_b), near):
+        return RULED_OUT
     return UNDECIDED
 
 
@@ -224,7 +270,7 @@ def _cut_ray(
         a = 1.0
     else:
         norm = math.sqrt(a * a + b * b)
-        if _SHORTEST < norm < _LONGEST:
+        if _SHORTEST < norm < LONGEST:
             a, b = a / norm, b / norm
         else:
             a, b = 1.0, 0.0
@@ -287,7 +333,7 @@ def _cut_difference(
     vy = sign * w[W + 1] + y - w[turned_target + 1]
     vz = sign * w[W + 2] + row[REFERENCE + 2] - row[target + 2]
     norm, reference = w[NORM], math.sqrt(vx * vx + vy * vy + vz * vz)
-    if not (_SHORTEST < norm < _LONGEST and _SHORTEST < reference < _LONGEST):
+    if not (_SHORTEST < norm < LONGEST and _SHORTEST < reference < LONGEST):
         spread(smear, view, bodies, (1.0, 1.0, 1.0, row[A_RADIUS], row[B_RADIUS]))
         return UNDECIDED
     ux, uy, uz = sign * w[W] / norm, sign * w[W + 1] / norm, sign * w[W + 2] / norm
@@ -332,7 +378,7 @@ def _cut_difference(
 
 
 @kernel(inlined=True)
-def _place(view: np.ndarray, bodies: tuple[int, int], row: np.ndarray, w: np.ndarray) -> None:
+def place_ends(view: np.ndarray, bodies: tuple[int, int], row: np.ndarray, w: np.ndarray) -> None:
     """Write the vector w at the center of the box, and what goes with it."""
     a, b = view[bodies[0]], view[bodies[1]]
     w[TURNED_A] = a[COSINE] * row[A] - a[SINE] * row[A + 1]
@@ -366,8 +412,8 @@ def cut_box(
     for axis in range(box.shape[1]):
         faces[LOW, axis], faces[HIGH, axis] = box[LOW, axis], box[HIGH, axis]
     bodies = (int(row[A_BODY]), int(row[B_BODY]))
-    _place(view, bodies, row, w)
-    if not w[MAGNITUDE] < _LONGEST:
+    place_ends(view, bodies, row, w)
+    if not w[MAGNITUDE] < LONGEST:
         return UNDECIDED
     result = SETTLED
     if row[NEAREST] > 0.0 or row[FARTHEST] < math.inf:

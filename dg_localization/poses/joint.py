@@ -23,7 +23,7 @@ import numpy as np
 from dg_localization.interval.environment import default_environment
 from dg_localization.poses.cover import arc_around
 from dg_localization.poses.cuts import A_BODY, A_RADIUS, B_BODY, B_RADIUS, GROUP
-from dg_localization.poses.half_spaces import HIGH, LOW, YAW, X, Y, Z
+from dg_localization.poses.half_spaces import HIGH, LOW, YAW
 from dg_localization.poses.joint_kernels import POSSIBLE, narrow_boxes
 from dg_localization.poses.readings import PairReadings
 from dg_localization.poses.search import PairOptions, pave_poses
@@ -91,8 +91,7 @@ def narrow_jointly(
     party, with the outliers of each pair. Once `stopped` is true the poses are returned as they
     are.
     """
-    in_plane = not (np.any(poses.lower_m[:, Z]) or np.any(poses.upper_m[:, Z]))
-    by_programs = options.max_programs > 0 and in_plane and options.max_outliers == 0
+    by_programs = options.max_programs > 0 and options.max_outliers == 0
     box = np.zeros((2, len(poses.arcs_rad), 4))
     box[LOW, :, :YAW], box[HIGH, :, :YAW] = poses.lower_m, poses.upper_m
     box[:, :, YAW] = poses.arcs_rad.T
@@ -103,14 +102,13 @@ def narrow_jointly(
         table = _joint_table(party, [(pair, readings[pair]) for pair in named])
         found = pave_poses(table, box[:, party].reshape(1, 2, -1), options, stopped)
         if not len(found.boxes):
-            guilty = named[int(np.argmax(found.guilty))]
-            return JointPoses(poses.lower_m, poses.upper_m, poses.arcs_rad, guilty)
-        box[:, party] = _hull(found.boxes.reshape(-1, 2, len(party), 4), box[:, party])
+            worst = named[int(np.argmax(found.guilty))]
+            return JointPoses(poses.lower_m, poses.upper_m, poses.arcs_rad, worst)
+        box[:, party] = _hull(found.boxes, box[:, party])
         if by_programs:
-            search = _Programs(party, {pair: readings[pair] for pair in named}, stopped)
-            left, guilty_pair = search.run(box[:, party], options.max_programs)
-            if guilty_pair is not None:
-                return JointPoses(poses.lower_m, poses.upper_m, poses.arcs_rad, guilty_pair)
+            left, guilty = _narrow_by_programs(box[:, party], table, options.max_programs, stopped)
+            if guilty != POSSIBLE:
+                return JointPoses(poses.lower_m, poses.upper_m, poses.arcs_rad, named[guilty])
             box[:, party] = left
     places = box[:, :, :YAW].copy()
     return JointPoses(places[LOW], places[HIGH], box[:, :, YAW].T.copy())
@@ -179,7 +177,8 @@ def _n_links(party: Party, linked: Collection[Pair]) -> int:
 
 
 def _hull(boxes: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """Return the smallest box (2, n, 4) around some: of headings the shortest arcs."""
+    """Return the smallest box (2, n, 4) around some (k, 2, 4 n): of headings the shortest arcs."""
+    boxes = boxes.reshape(-1, *before.shape)
     hull = np.stack([boxes[:, LOW].min(axis=0), boxes[:, HIGH].max(axis=0)])
     for body in range(hull.shape[1]):
         arc = arc_around(boxes[:, LOW, body, YAW], boxes[:, HIGH, body, YAW])
@@ -188,61 +187,48 @@ def _hull(boxes: np.ndarray, before: np.ndarray) -> np.ndarray:
     return hull
 
 
-class _Programs:
-    """Linear programs over all distances among a few bodies in the plane, box by box."""
+def _narrow_by_programs(
+    box: np.ndarray, table: np.ndarray, max_boxes: int, stopped: Callable[[], bool]
+) -> tuple[np.ndarray, int]:
+    """Return the hull (2, n, 4) of all poses that are left, and the pair that leaves none."""
+    n_bodies = box.shape[1]
+    most = max_boxes * (PAIR_FACTOR if n_bodies == 2 else 1)
+    levers_m = _levers_m(table, n_bodies)
+    boxes = box.reshape(1, 2, -1).copy()
+    while True:
+        found = np.full(len(boxes), POSSIBLE)
+        for first in range(0, len(boxes), BATCH):
+            if stopped():
+                return _hull(boxes[found == POSSIBLE], box), POSSIBLE
+            batch = slice(first, first + BATCH)
+            narrow_boxes(boxes[batch], table, PASSES, found[batch])
+        left = boxes[found == POSSIBLE]
+        if len(left) == 0:
+            return box, int(found[-1])
+        around = _hull(left, box)
+        fruitless = len(left) == len(boxes) >= FRUITLESS and np.array_equal(around, box)
+        if fruitless or 2 * len(left) > most:
+            return around, POSSIBLE
+        boxes = _halves(left, levers_m)
 
-    def __init__(
-        self, party: list[int], readings: Mapping[Pair, PairReadings], stopped: Callable[[], bool]
-    ) -> None:
-        self._stopped = stopped
-        self._named = list(readings)
-        self._pairs = np.array([[party.index(a), party.index(b)] for a, b in self._named])
-        tables = [part.table for part in readings.values()]
-        self._starts = np.cumsum([0, *map(len, tables)])
-        self._table = np.concatenate(tables)
-        # What a turn of a body moves its points by, mostly.
-        self._levers_m = np.zeros(len(party))
-        for (a, b), table in zip(self._pairs, tables, strict=True):
-            for body, radius in ((a, A_RADIUS), (b, B_RADIUS)):
-                lever_m = np.median(table[:, radius])
-                self._levers_m[body] = max(self._levers_m[body], lever_m)
 
-    def run(self, box: np.ndarray, max_boxes: int) -> tuple[np.ndarray, Pair | None]:
-        """Return the hull of all poses that are left, or the pair that leaves none."""
-        most = max_boxes * (PAIR_FACTOR if box.shape[1] == 2 else 1)
-        # Kernels are compiled once more for arrays that are laid out in another order.
-        boxes = np.ascontiguousarray(box[None, :, :, [X, Y, YAW]])
-        while True:
-            found = np.full(len(boxes), POSSIBLE)
-            for first in range(0, len(boxes), BATCH):
-                if self._stopped():
-                    return self._around(boxes[found == POSSIBLE], box), None
-                batch = slice(first, first + BATCH)
-                narrow_boxes(
-                    boxes[batch], self._pairs, self._starts, self._table, PASSES, found[batch]
-                )
-            left = boxes[found == POSSIBLE]
-            if len(left) == 0:
-                return box, self._named[found[-1]]
-            around = self._around(left, box)
-            fruitless = len(left) == len(boxes) >= FRUITLESS and np.array_equal(around, box)
-            if fruitless or 2 * len(left) > most:
-                return around, None
-            boxes = self._halves(left)
+def _levers_m(table: np.ndarray, n_bodies: int) -> np.ndarray:
+    """Return by how much a turn of each body moves its points, mostly."""
+    levers_m = np.zeros(n_bodies)
+    for column, radius in ((A_BODY, A_RADIUS), (B_BODY, B_RADIUS)):
+        for body, group in np.unique(table[:, [column, GROUP]], axis=0).astype(int):
+            rows = (table[:, column] == body) & (table[:, GROUP] == group)
+            levers_m[body] = max(levers_m[body], np.median(table[rows, radius]))
+    return levers_m
 
-    def _around(self, boxes: np.ndarray, before: np.ndarray) -> np.ndarray:
-        """Return the smallest box (2, n, 4) around some (k, 2, n, 3) in the plane."""
-        flat = np.zeros((*boxes.shape[:3], 4))
-        flat[..., [X, Y, YAW]] = boxes
-        return _hull(flat, before)
 
-    def _halves(self, boxes: np.ndarray) -> np.ndarray:
-        """Return both halves of boxes, each along the heading that moves points most."""
-        headings = boxes[..., -1]
-        body = np.argmax(self._levers_m * (headings[:, HIGH] - headings[:, LOW]), axis=1)
-        number = np.arange(len(boxes))
-        middle = 0.5 * headings[number, LOW, body] + 0.5 * headings[number, HIGH, body]
-        halves = np.repeat(boxes, 2, axis=0)
-        halves[2 * number, HIGH, body, -1] = middle
-        halves[2 * number + 1, LOW, body, -1] = middle
-        return halves
+def _halves(boxes: np.ndarray, levers_m: np.ndarray) -> np.ndarray:
+    """Return both halves of boxes, each along the heading that moves points most."""
+    headings = boxes[..., YAW::4]
+    body = np.argmax(levers_m * (headings[:, HIGH] - headings[:, LOW]), axis=1)
+    number, axis = np.arange(len(boxes)), 4 * body + YAW
+    middle = 0.5 * boxes[number, LOW, axis] + 0.5 * boxes[number, HIGH, axis]
+    halves = np.repeat(boxes, 2, axis=0)
+    halves[2 * number, HIGH, axis] = middle
+    halves[2 * number + 1, LOW, axis] = middle
+    return halves

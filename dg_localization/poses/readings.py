@@ -258,7 +258,7 @@ class PairReadings:
         error, rays = error[told], self.rays[told] / longest[told, None]
         rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
         level = np.hypot(rays[:, 0], rays[:, 1])
-        steep = level < 1e-3
+        steep = level < cuts.STEEP
         across = np.stack([-rays[:, 1], rays[:, 0], np.zeros(len(told))], axis=-1)
         # Across a ray that is all but upright: the y axis, made perpendicular to it.
         sideways = np.array([0.0, 1.0, 0.0]) - rays[:, 1:2] * rays

@@ -17,6 +17,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from dg_localization.interval.components import components
 from dg_localization.interval.kernels import kernel
 
 
@@ -121,47 +122,9 @@ def cut_at(
     return [below, above]
 
 
-@kernel
-def components(boxes: FloatArray) -> IntArray:
-    """
-    Return the connected component of each box, numbered in the order of their first boxes.
-
-    Boxes of any coordinates, shape (k, 2, d), are connected where they have a point in common.
-    """
-    count, _, dimension = boxes.shape
-    label = np.full(count, -1)
-    queue = np.empty(count, dtype=np.int64)
-    n_components = 0
-    for seed in range(count):
-        if label[seed] >= 0:
-            continue
-        label[seed] = n_components
-        queue[0] = seed
-        head, tail = 0, 1
-        while head < tail:
-            member = boxes[queue[head]]
-            head += 1
-            for other in range(seed + 1, count):
-                touch = label[other] < 0
-                for x in range(dimension):
-                    if not touch:
-                        break
-                    touch = (
-                        member[LOWER, x] <= boxes[other, UPPER, x]
-                        and boxes[other, LOWER, x] <= member[UPPER, x]
-                    )
-                if touch:
-                    label[other] = n_components
-                    queue[tail] = other
-                    tail += 1
-        n_components += 1
-    return label
-
-
 def component_hulls(boxes: FloatArray) -> tuple[FloatArray, list[IntArray]]:
     """Return the hulls of the components of some boxes, (k, 2, ...), and the boxes of each."""
-    label = components(boxes.reshape(len(boxes), 2, -1)) if len(boxes) else np.zeros(0, np.int64)
-    members = [np.flatnonzero(label == x) for x in range(label.max(initial=-1) + 1)]
+    members = components(boxes.reshape(len(boxes), 2, -1)) if len(boxes) else []
     hulls = np.empty((len(members), *boxes.shape[1:]))
     for hull, some in zip(hulls, members, strict=True):
         hull[LOWER], hull[UPPER] = boxes[some, LOWER].min(axis=0), boxes[some, UPPER].max(axis=0)
