@@ -281,7 +281,7 @@ CONTRACT = [
     ),
     *_in(
         'solver',
-        'contract/coordinate_boxes',
+        'contract/coordinates',
         ('test/solver/test_coordinate_boxes.py',),
         (
             'the least distance cuts off what lies on the far side',
@@ -417,7 +417,7 @@ SEARCHING = [
     ),
     *_in(
         'solver',
-        'search/tightening',
+        'search/search',
         ('test/solver/test_fleet.py',),
         (
             'a box is tightened when its time is over',

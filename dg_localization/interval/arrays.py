@@ -149,7 +149,7 @@ class Interval:
 
 def determinant(rows: Interval) -> Interval:
     """
-    Return the determinants of square matrices of order 2 or 3.
+    Return the determinants of square matrices of order 1, 2 or 3.
 
     Parameters
     ----------
@@ -160,6 +160,8 @@ def determinant(rows: Interval) -> Interval:
     Interval, shape (...)
 
     """
+    if rows.lower.shape[-1] == 1:
+        return rows[..., 0, 0]
     if rows.lower.shape[-1] == 2:
         products = rows[..., 0, :] * rows[..., 1, ::-1]
         return products[..., 0] - products[..., 1]

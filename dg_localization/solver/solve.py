@@ -158,8 +158,6 @@ def load_kernels() -> float:
     """
     from dg_localization.interval.kernels import COMPILED
     from dg_localization.solver.assemble.answer import solve_in_pieces
-    from dg_localization.solver.decompose.decomposition import pieces_of
-    from dg_localization.solver.place.existence import settled
     from dg_localization.solver.search.budget import Budget
 
     start = time.perf_counter()
@@ -177,12 +175,6 @@ def load_kernels() -> float:
     for hypothesis in solve_in_pieces(_braced_grid(9, 7), Budget(options)).hypotheses:
         np.isfinite(hypothesis.upper)
         bool(hypothesis.proved)
-    exact = 1.0 - np.eye(3)
-    settled(Problem(exact, exact), np.eye(3, 2))
-    # Large enough to look at the clock on the way.
-    pieces_of(400, _braced_grid(20, 20).pairs.measured, 2)
-    # Bars without a triangle.
-    pieces_of(4, np.array([[0, 1], [1, 2], [2, 3], [0, 3]]), 2)
     return time.perf_counter() - start
 
 

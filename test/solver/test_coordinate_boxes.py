@@ -6,7 +6,7 @@
 from hypothesis import given, settings, strategies as st
 import numpy as np
 
-from dg_localization.solver.contract.coordinate_boxes import contract_coordinate_boxes
+from dg_localization.solver.contract.coordinates import contract_coordinate_boxes
 
 
 @settings(deadline=None)

@@ -54,12 +54,11 @@ def test_handedness(dimension):
         if 0 in volumes:
             continue
         signs = np.sign(volumes).astype(np.int64)
-        assert chiralities_are_possible(box, simplices, signs)
-        assert chiralities_are_possible(box, simplices, -signs)
-        for flipped in range(3):
-            turned = signs.copy()
-            turned[flipped] *= -1
-            assert not chiralities_are_possible(box, simplices, turned)
+        flips = [np.where(np.arange(3) == flipped, -1, 1) for flipped in range(3)]
+        for factors, possible in ((1, True), (-1, True), *((flip, False) for flip in flips)):
+            turned = zip(simplices.tolist(), signs * factors, strict=True)
+            known = [Chirality(*pair) for pair in turned]
+            assert chiralities_are_possible(box, known) is possible
 
 
 # A unit square 0 1 2 3, counter-clockwise, with one diagonal known: two triangles on 0-2.

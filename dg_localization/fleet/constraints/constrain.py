@@ -27,7 +27,7 @@ from dg_localization.fleet.constraints.rays import Angles, RayBundle, include_di
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey, RayReading
 from dg_localization.solver.contract.triangles import ANGLE_SWEEPS, contract_by_angles
-from dg_localization.solver.place.rigidity import is_flexible
+from dg_localization.solver.decompose.rigid_components import is_flexible
 from dg_localization.solver.problem import Chirality, Problem
 
 FloatArray = NDArray[np.float64]

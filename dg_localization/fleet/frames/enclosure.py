@@ -23,8 +23,10 @@ from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.estimate import FrameKind
 from dg_localization.fleet.frames.registration import Registration
 from dg_localization.interval.arrays import Interval, determinant
-from dg_localization.solver.contract.coordinate_boxes import contract_coordinate_boxes
-from dg_localization.solver.contract.coordinates import enclose_coordinates
+from dg_localization.solver.contract.coordinates import (
+    contract_coordinate_boxes,
+    enclose_coordinates,
+)
 from dg_localization.solver.contract.triangles import ANGLE_SWEEPS, contract_by_angles
 from dg_localization.solver.decompose.decomposition import pieces_of
 from dg_localization.solver.result import Hypothesis, JointKind

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from dg_localization.fleet.frames.enclosure import SWEEPS
 from dg_localization.interval.arrays import Interval, determinant
 from dg_localization.solver.box import component_hulls
-from dg_localization.solver.contract.coordinate_boxes import contract_coordinate_boxes
+from dg_localization.solver.contract.coordinates import contract_coordinate_boxes
 
 FloatArray = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from dg_localization.solver.assemble.subproblem import Bounds
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.contract.sides import volume_product
 from dg_localization.solver.decompose.graph import Points
-from dg_localization.solver.place.rigidity import RANK_TOLERANCE
+from dg_localization.solver.decompose.rigid_components import RANK_TOLERANCE
 from dg_localization.solver.result import Hypothesis
 
 LARGE, MOST_APEXES = 40, 8

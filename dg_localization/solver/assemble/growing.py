@@ -21,21 +21,22 @@ from itertools import combinations, islice
 
 import numpy as np
 
-from dg_localization.solver.assemble.contraction import MOST_TOGETHER
-from dg_localization.solver.assemble.subproblem import Bounds, parts_within
+from dg_localization.solver.assemble.subproblem import MOST_TOGETHER, Bounds, as_box, parts_within
 from dg_localization.solver.box import GAP_LOWER, LOWER, UPPER, FloatArray, IntArray
-from dg_localization.solver.contract.coordinate_boxes import distances_to_region, regions_of_point
-from dg_localization.solver.contract.coordinates import enclose_in_frame
-from dg_localization.solver.contract.linear import combine, groups_of
+from dg_localization.solver.contract.coordinates import (
+    distances_to_region,
+    enclose_in_frame,
+    regions_of_point,
+)
+from dg_localization.solver.contract.fixed_point import Contractor
 from dg_localization.solver.contract.linearization import (
     choose_axis,
     complete_frame,
     point_errors_m,
 )
-from dg_localization.solver.contract.reduction import MOST_THROUGH, apply_axes, make_workspace
-from dg_localization.solver.contract.sides import sides_of
-from dg_localization.solver.contract.triangles import smooth_triangles
-from dg_localization.solver.contract.widths import axes_of, is_explained, rank_axes
+from dg_localization.solver.contract.reduction import MOST_THROUGH
+from dg_localization.solver.contract.triangles import smooth
+from dg_localization.solver.contract.widths import is_finished
 from dg_localization.solver.decompose.graph import BoolArray
 from dg_localization.solver.place.placements import place
 from dg_localization.solver.problem import Problem
@@ -160,7 +161,7 @@ class Growth:
         seed = best_seed(self._problem, self._measured, self._stopped)
         if seed is None:
             return None
-        box = self._contracted(seed, self._box_of(seed))
+        box = self._contracted(seed, as_box(self._problem.bounds_among(seed)))
         growing = [] if box is None else [PartialBox(seed, box, len(seed))]
         grown: list[PartialBox] = []
         while growing and len(growing) + len(grown) <= MOST_PARTIAL_BOXES and not self._stopped():
@@ -178,13 +179,6 @@ class Growth:
         index = np.ix_(partial.points, partial.points)
         lower[index], upper[index] = partial.box[LOWER], partial.box[UPPER]
         return lower, upper
-
-    def _box_of(self, points: tuple[int, ...]) -> FloatArray:
-        """Return what the problem says of some points."""
-        index = np.ix_(points, points)
-        box = np.zeros((4, len(points), len(points)))
-        box[LOWER], box[UPPER] = self._problem.lower[index], self._problem.upper[index]
-        return box
 
     def _extended(self, partial: PartialBox) -> list[PartialBox] | None:
         """Return what becomes of a partial box with one more point, None where there is none."""
@@ -229,49 +223,38 @@ class Growth:
         if n_combined > MOST_TOGETHER and n_combined < COMBINED_GROWTH * partial.n_combined:
             n_combined = partial.n_combined
         for region in trial.regions:
-            box = self._box_of(points)
+            box = as_box(self._problem.bounds_among(points))
             box[:, :size, :size] = partial.box
             if distances_to_region(region, enclosure, box, size):
                 if n_combined == len(points):
                     left = self._contracted(points, box)
                 else:
-                    left = box if _smoothed(box) else None
+                    left = box if smooth(box) else None
                 if left is not None:
                     yield PartialBox(points, left, n_combined, dict(trials))
 
     def _contracted(self, points: tuple[int, ...], box: FloatArray) -> FloatArray | None:
         """Contract the box of some points; None when it is proved to hold no placement."""
-        index = np.ix_(points, points)
-        lower, upper = self._problem.lower[index], self._problem.upper[index]
-        part = Problem.unchecked((lower, upper), self._problem.dimension, (), ())
-        groups, explained = groups_of(lower, upper), np.zeros(lower.shape)
-        if not _smoothed(box):
+        bounds = self._problem.bounds_among(points)
+        part = Problem.unchecked(bounds, self._problem.dimension, (), ())
+        contractor, explained = Contractor(part, self._resolution_m), np.zeros(box.shape[1:])
+        if not smooth(box) or not contractor.combine(box, explained):
             return None
-        if not combine(*groups, box, part.dimension, explained):
-            return None
-        if is_explained(box, explained, WELL_EXPLAINED, self._resolution_m):
+        if is_finished(box, explained, WELL_EXPLAINED, self._resolution_m):
             return box
-        axes = rank_axes(box, axes_of(part))[: len(groups.edges)]
         count = LOCAL_POINTS if len(points) > MOST_THROUGH else len(points)
-        work = make_workspace(len(points), part.dimension)
-        work.box[:] = box
-        if not apply_axes(*work, *sides_of(part), part.dimension, axes, count):
+        left = contractor.projected(box, count)
+        if left is None:
             return None
-        box = work.box.copy()
         # Each gap is one of a pair alone: the search looks for them again.
-        box[GAP_LOWER:] = 0.0
-        return box if combine(*groups, box, part.dimension, explained) else None
+        left[GAP_LOWER:] = 0.0
+        return left if contractor.combine(left, explained) else None
 
 
 def _is_outdated(trial: _Trial, n_links: int, n_points: int) -> bool:
     """Return whether a point measures enough more placed ones to be looked at again."""
     growth = 1.0 if n_points <= MOST_TOGETHER else COMBINED_GROWTH
     return n_links > trial.n_links and n_links >= growth * trial.n_links
-
-
-def _smoothed(box: FloatArray) -> bool:
-    """Narrow a box by the triangle inequalities in place; return whether anything is left."""
-    return bool(smooth_triangles(box, np.empty_like(box), np.arange(box.shape[1])))
 
 
 def _frame(box: FloatArray, positions: FloatArray, neighbors: IntArray) -> IntArray:
@@ -332,7 +315,7 @@ def solve_grown(
     if any(len(partial.points) < problem.n_points for partial in grown):
         return search_share(problem, budget, share, boxes)
     if is_large and budget.keep(len(boxes)):
-        return Paving(kept=[np.array([*bounds, *np.zeros_like(bounds)]) for bounds in boxes])
+        return Paving(kept=[as_box(part) for part in boxes])
     most_boxes = max(BOXES_PER_START * len(boxes), LEAST_BOXES)
     cover = search_share(problem, budget, share, boxes, most_boxes, at_gaps=True)
     if cover.processed >= len(boxes):

@@ -26,12 +26,13 @@ from dg_localization.solver.assemble.combinations import (
     PieceLink,
     Site,
 )
-from dg_localization.solver.assemble.contraction import MOST_CONTRACTED, contracted
 from dg_localization.solver.assemble.faces import apex_of, best_apex
 from dg_localization.solver.assemble.solved_pieces import SolvedPiece, SolvedPieces
 from dg_localization.solver.assemble.subproblem import (
+    MOST_CONTRACTED,
     Bounds,
     bounds_within,
+    contracted,
     restricted,
     restricted_boxes,
 )

@@ -21,11 +21,6 @@ import math
 import numpy as np
 
 from dg_localization.interval.kernels import WORK_PER_LOOK, until
-from dg_localization.solver.assemble.contraction import (
-    MOST_CONTRACTED,
-    MOST_TOGETHER,
-    MOST_WORK_TOGETHER,
-)
 from dg_localization.solver.assemble.faces import is_degenerate
 from dg_localization.solver.assemble.growing import is_grown, solve_grown
 from dg_localization.solver.assemble.product import Product
@@ -38,6 +33,9 @@ from dg_localization.solver.assemble.solved_pieces import (
     unexamined,
 )
 from dg_localization.solver.assemble.subproblem import (
+    MOST_CONTRACTED,
+    MOST_TOGETHER,
+    MOST_WORK_TOGETHER,
     Bounds,
     Ranges,
     pieces_of_problem,
@@ -54,10 +52,6 @@ from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Joint, JointKind
 from dg_localization.solver.search.budget import GRACE_S, Budget
 from dg_localization.solver.search.search import accept_pending, search_in_one_box, search_share
-
-MOST_UNREVIEWED = 30
-"""Up to this size a piece as a whole rules out as much as reviews of its patches, and sooner,
-where distances are wide. Few choices of larger pieces are contracted."""
 
 PATCHES_SHARE = 0.5
 """Patches may take this part of the time of a piece that is contracted afterwards,"""
@@ -88,8 +82,7 @@ def solve_large(
     """Solve a large piece in patches; return None where its neighborhoods are not rigid."""
     is_whole = problem.n_points <= MOST_TOGETHER
     share_of_patches = (PATCHES_SHARE if is_whole else PATCHES_SHARE_ALONE) * share
-    is_reviewed = problem.n_points > MOST_UNREVIEWED or is_known_well(problem)
-    solved = PatchSolver(problem, budget, share_of_patches, within, is_reviewed).run()
+    solved = PatchSolver(problem, budget, share_of_patches, within).run()
     if solved is None:
         return None
     if solved.is_empty():
@@ -97,11 +90,11 @@ def solve_large(
     answers = PatchAnswers(problem, solved, within, budget.is_over)
     most = budget.options.max_hypotheses
     if not is_whole:
-        return Search(problem, [], [], answers.hypotheses(most), solved)
+        return Search(problem, [], [], answers.hypotheses(most, budget.is_over), solved)
     boxes = answers.boxes(most)
     is_done = solved.is_one_body and solved.is_complete()
     if is_done and len(boxes) * problem.n_points**3 > MOST_WORK:
-        return Search(problem, [], [], answers.hypotheses(most), solved)
+        return Search(problem, [], [], answers.hypotheses(most, budget.is_over), solved)
     budget.go_on_from(solved.n_boxes() - solved.n_pending())
     if not is_done:
         # Halves of wide distances would be parts of the hypotheses that the patches tell apart.

@@ -15,11 +15,11 @@ import numpy as np
 from dg_localization.interval.environment import default_environment
 from dg_localization.solver.assemble.assembly import Assembly
 from dg_localization.solver.assemble.combinations import Combination, Combinations, Network
-from dg_localization.solver.assemble.contraction import MOST_CONTRACTED
 from dg_localization.solver.assemble.faces import is_degenerate
 from dg_localization.solver.assemble.links import Linker, crossing_pairs
 from dg_localization.solver.assemble.solved_pieces import SolvedPieces
 from dg_localization.solver.assemble.subproblem import (
+    MOST_CONTRACTED,
     Bounds,
     as_box,
     parts_within,
@@ -104,7 +104,12 @@ class Product:
         self._assembly = Assembly(problem, budget, solved, self.combinations, linker, within)
         # More is known than distances within pieces, or holds all of them together.
         self._is_crossed = _is_crossed(problem, solved)
-        self._is_tied = within is not None or _has_loop(solved)
+        n_groups = solved.n_groups()
+        n_linked = sum(len(joint.pieces) - 1 for joint in solved.joints)
+        has_loop = n_linked > len(solved.pieces) - n_groups
+        self._is_tied = within is not None or has_loop
+        is_open = any(joint.kind is not JointKind.REFLECTION for joint in solved.joints)
+        self._turns = is_open or n_groups > 1
         self._is_counted = not (self._is_crossed or self._is_tied)
         self.number = 0 if self.combinations.contradiction is not None else self._count(budget)
 
@@ -246,17 +251,6 @@ class Product:
                 found = self._placement(combination, hull, boxes, budget.is_over)
             yield Hypothesis(hull[0], hull[1], np.stack(boxes), *found, flexible)
 
-    @cached_property
-    def _turns(self) -> bool:
-        """Whether some joint is open, or some pieces are not joined at all."""
-        group = list(range(len(self.solved.pieces)))
-        for joint in self.solved.joints:
-            if joint.kind is not JointKind.REFLECTION:
-                return True
-            together = {group[piece] for piece in joint.pieces}
-            group = [min(together) if number in together else number for number in group]
-        return len(set(group)) > 1
-
     def _may_turn(self, chosen: Sequence[Hypothesis]) -> bool:
         """Return whether the points of some face are in line, or at one place."""
         for joint in self.solved.joints:
@@ -318,14 +312,3 @@ def _is_crossed(problem: Problem, solved: SolvedPieces) -> bool:
         return True
     sets = [set(piece.points) for piece in solved.pieces]
     return any(not any(s.issuperset(points_of(c)) for s in sets) for c in problem.constraints)
-
-
-def _has_loop(solved: SolvedPieces) -> bool:
-    """Return whether pieces and joints close a loop, as the bars of a linkage do."""
-    group = list(range(len(solved.pieces)))
-    for joint in solved.joints:
-        together = {group[piece] for piece in joint.pieces}
-        if len(together) < len(joint.pieces):
-            return True
-        group = [min(together) if number in together else number for number in group]
-    return False

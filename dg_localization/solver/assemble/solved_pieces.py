@@ -116,6 +116,14 @@ class SolvedPieces:
     joints: list[Joint] = field(default_factory=list)
     contradiction: Points | None = None  # these points; the lists are not complete then
 
+    def n_groups(self) -> int:
+        """Return how many groups of pieces the joints connect."""
+        group = list(range(len(self.pieces)))
+        for joint in self.joints:
+            together = {group[piece] for piece in joint.pieces}
+            group = [min(together) if number in together else number for number in group]
+        return len(set(group))
+
 
 def unexamined(problem: Problem, points: Points, within: Sequence[Bounds] | None) -> SolvedPiece:
     """

@@ -12,17 +12,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import nullcontext
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from dg_localization.interval.kernels import COMPILED, WORK_PER_LOOK, until
-from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, Status
-from dg_localization.solver.contract.linear import Groups, combine
-from dg_localization.solver.contract.reduction import MOST_THROUGH, apply_axes, make_workspace
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, Status, sub_box
+from dg_localization.solver.contract.linear import combine, groups_of
+from dg_localization.solver.contract.local_frames import contract_in_frame
+from dg_localization.solver.contract.reduction import (
+    MOST_THROUGH,
+    SMALL_FLEET,
+    apply_axes,
+    make_workspace,
+)
 from dg_localization.solver.contract.sides import chiralities_are_possible, sides_of
-from dg_localization.solver.contract.triangles import smooth_triangles
+from dg_localization.solver.contract.triangles import smooth, smooth_triangles
 from dg_localization.solver.contract.widths import (
     axes_of,
     is_finished,
@@ -32,42 +37,15 @@ from dg_localization.solver.contract.widths import (
 )
 from dg_localization.solver.problem import Problem
 
+EXPLAINED_FACTOR = 3.0
+"""How much wider a finished box may be than the first-order effect of the measurement errors."""
+
 SMOOTHED_SWEEPS = 2
 """The first sweeps begin with the triangle inequalities; later ones gain nothing from them."""
 
-
-class Schedule(NamedTuple):
-    """
-    The sweeps over the axes of a fleet.
-
-    Parameters
-    ----------
-    most_points : float
-        The largest fleet that this is for.
-    local : tuple of int
-        How many points the first sweeps project, one number for each: those best known from the
-        axis. They take a fraction of the time of a sweep over all points, and leave less to gain.
-    axes_before_split : int
-        How many axes per point are tried with all points before a box with a gap is split.
-
-    """
-
-    most_points: float
-    local: tuple[int, ...]
-    axes_before_split: int
-
-
-SCHEDULES = (
-    (Schedule(20, (), 12), Schedule(math.inf, (20,), 12)),
-    (
-        Schedule(MOST_THROUGH, (), 12),
-        Schedule(20, (10,), 2),
-        Schedule(30, (10, 16), 2),
-        Schedule(math.inf, (20,), 12),
-    ),
-    (Schedule(12, (), 2), Schedule(math.inf, (12,), 2)),
-)
-"""The schedules in 1, 2 and 3 dimensions, for smaller fleets first (benchmarks/notes)."""
+MAX_SWEEPS, MAX_QUICK_SWEEPS = 50, 2
+"""Most sweeps over all axes. Where a contraction is to be quick, later ones are left out: they
+narrow hardly anything of what joints leave open."""
 
 LEAST_GAIN = 0.05
 """A sweep that shortens no interval by more than this fraction is the last."""
@@ -83,6 +61,11 @@ leave_early = nullcontext if COMPILED else until
 """Compiled kernels return soon; one in Python has to be left when the time is up."""
 
 
+def _never() -> bool:
+    """Return False: nothing stops the contraction."""
+    return False
+
+
 class Pruned(NamedTuple):
     """What is left of a box after contraction."""
 
@@ -93,27 +76,20 @@ class Pruned(NamedTuple):
     """Shape (n, n): the widths that measurement errors explain to first order, in m^2."""
 
 
-class Goal(NamedTuple):
+def _local_sweeps(n_points: int, dimension: int) -> tuple[int, ...]:
     """
-    When a contraction ends.
+    Return how many points the first sweeps project, those best known from the axis.
 
-    Parameters
-    ----------
-    resolution_m : float
-        It ends when every distance is known to this many meters,
-    explained_factor : float
-        or no interval is more than this many times wider than the measurement errors explain,
-    max_sweeps : int
-        or after this many sweeps over all axes.
-    axes_per_test : int
-        After how many axes of a sweep to combine the measured pairs and look at the widths.
-
+    They take a fraction of the time of a sweep over all points, and leave less to gain
+    (benchmarks/notes).
     """
-
-    resolution_m: float
-    explained_factor: float
-    max_sweeps: int
-    axes_per_test: int
+    if dimension == 3:
+        return (12,) if n_points > 12 else ()
+    if dimension == 1 or n_points <= MOST_THROUGH:
+        return ()
+    if n_points <= 30:
+        return (10, 16) if n_points > 20 else (10,)
+    return (20,)
 
 
 class Contractor:
@@ -121,63 +97,107 @@ class Contractor:
     Contracts boxes of one problem, one at a time.
 
     Three laws: the result lies inside the input; no placement of the input is lost; what is
-    removed once stays removed.
+    removed once stays removed. A contraction ends when every distance is known to the resolution,
+    or to what the measurement errors explain, or when a sweep gains little.
     """
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, resolution_m: float, is_quick: bool = False) -> None:
         n_points, dimension = problem.n_points, problem.dimension
-        self.axes = axes_of(problem)
-        self._n_points = n_points
-        self._dimension = dimension
+        self.problem = problem
+        self._axes = axes_of(problem)
+        self._groups = groups_of(problem)
+        self._n_measured = sum(len(group.edges) for group in self._groups)
+        self._resolution_m = resolution_m
+        self._most_sweeps = MAX_QUICK_SWEEPS if is_quick else MAX_SWEEPS
+        # After this many axes of a sweep the measured pairs are combined.
+        at_once = is_quick or n_points <= SMALL_FLEET
+        self._axes_per_test = max(1, len(self._axes)) if at_once else n_points // 2
         work = make_workspace(n_points, dimension)
         self._scratch = (*work, *sides_of(problem), dimension)
         self._box, self._points, self._distance = work.box, work.points, work.distance
-        fitting = (s for s in SCHEDULES[dimension - 1] if n_points <= s.most_points)
-        self._schedule = next(fitting)
+        self._local_sweeps = _local_sweeps(n_points, dimension)
+        # How many axes are tried with all points before a box with a gap is split.
+        has_many = dimension == 3 or MOST_THROUGH < n_points <= 30
+        self._axes_before_split = (2 if has_many else 12) * n_points
         self._widths_of_sweep = np.zeros((n_points, n_points))
         self._widths_of_test = np.zeros((n_points, n_points))
-        self._in_order = np.arange(n_points)
-        self._simplices = np.array(
-            [chirality.points for chirality in problem.chiralities], dtype=np.int64
-        ).reshape(-1, dimension + 1)
-        self._signs = np.array([c.sign for c in problem.chiralities], dtype=np.int64)
         triples = n_points**2 * min(n_points, MOST_THROUGH)
         triples *= n_points if dimension == 3 else 1
         self._axes_per_look = max(1, WORK_PER_LOOK // triples)
 
-    def contract(
-        self, box: FloatArray, groups: Groups, goal: Goal, stopped: Callable[[], bool]
-    ) -> Pruned:
+    def whole(self) -> FloatArray | None:
+        """Return the box of the problem itself, None where the triangles prove it to be empty."""
+        box = np.zeros_like(self._box)
+        box[LOWER], box[UPPER] = self.problem.lower, self.problem.upper
+        return box if smooth(box) else None
+
+    def contract(self, box: FloatArray, stopped: Callable[[], bool] = _never) -> Pruned:
         """Contract a box until nothing gains much."""
-        self._box[:] = box
-        if self._n_points > MOST_THROUGH:
-            # They are still in the order of the last axis of another box.
-            self._points[:] = self._in_order
-        explained = np.zeros((self._n_points, self._n_points))
+        n_points = self.problem.n_points
+        # The points may still be in the order of the last axis of another box.
+        self._box[:], self._points[:] = box, np.arange(n_points)
+        explained = np.zeros((n_points, n_points))
         status, left = Status.UNFINISHED, box
         with leave_early(stopped):
-            status = self._sweep_to_fixed_point(groups, goal, explained, stopped)
+            status = self._sweep_to_fixed_point(explained, stopped)
             left = self._box.copy()
-            if status is Status.CONTRACTED and not self._chiralities_are_possible(left):
-                status = Status.EMPTY
+            if status is Status.CONTRACTED:
+                if not chiralities_are_possible(left, self.problem.chiralities):
+                    status = Status.EMPTY
         return Pruned(status, left, explained)
 
-    def _sweep_to_fixed_point(
-        self, groups: Groups, goal: Goal, explained: FloatArray, stopped: Callable[[], bool]
-    ) -> Status:
-        """Sweep over all axes until the goal is reached or a sweep gains little."""
-        box, local = self._box, self._schedule.local
-        for sweep in range(goal.max_sweeps):
+    def projected(self, box: FloatArray, count: int) -> FloatArray | None:
+        """Return what is left after `count` points were projected along the best known axes."""
+        self._box[:], self._points[:] = box, np.arange(len(self._points))
+        axes = rank_axes(box, self._axes)[: self._n_measured]
+        return self._box.copy() if apply_axes(*self._scratch, axes, count) else None
+
+    def narrow_in_frame(
+        self, box: FloatArray, positions: FloatArray, pairs: IntArray, explained: FloatArray
+    ) -> bool:
+        """
+        Narrow unknown pairs of a finished box in place, in the frame of the first of them.
+
+        See `contract_in_frame`; False when the box is proved to hold no placement.
+        """
+        points, edges, errors = next(g for g in self._groups if pairs[0, 0] in g.points)
+        local, of_points = sub_box(box, points), np.searchsorted(points, pairs)
+        if not contract_in_frame(local, positions[points], edges, errors, of_points, explained):
+            return False
+        (i, j), (x, y) = pairs.T, of_points.T
+        box[:, i, j] = box[:, j, i] = local[:, x, y]
+        return True
+
+    def combine(self, box: FloatArray, explained: FloatArray) -> bool:
+        """
+        Narrow every group of connected points by linear combinations of its measured pairs.
+
+        The widths that measurement errors explain are written in m^2, zero for the pairs of a
+        group that the measurements do not make rigid. False when the box holds no placement.
+        """
+        explained[:] = 0.0
+        for points, edges, errors in self._groups:
+            local, of_group = sub_box(box, points), np.zeros((len(points), len(points)))
+            if not combine(local, self.problem.dimension, edges, errors, of_group):
+                return False
+            explained[np.ix_(points, points)] = of_group
+            box[:, points[:, None], points] = local
+        return True
+
+    def _sweep_to_fixed_point(self, explained: FloatArray, stopped: Callable[[], bool]) -> Status:
+        """Sweep over all axes until the box is finished or a sweep gains little."""
+        box = self._box
+        for sweep in range(self._most_sweeps):
             if sweep < SMOOTHED_SWEEPS and not smooth_triangles(box, self._distance, self._points):
                 return Status.EMPTY
-            axes = rank_axes(box, self.axes)
-            if sweep < len(local):
+            axes = rank_axes(box, self._axes)
+            if sweep < len(self._local_sweeps):
                 # The best axes are the measured pairs and what they soon reveal.
-                best = axes[: len(groups.edges)]
-                status = self._project(best, local[sweep], stopped)
+                best = axes[: self._n_measured]
+                status = self._project(best, self._local_sweeps[sweep], stopped)
             else:
                 np.subtract(box[UPPER], box[LOWER], out=self._widths_of_sweep)
-                status = self._project_and_combine(axes, groups, goal, explained, stopped)
+                status = self._project_and_combine(axes, explained, stopped)
                 if status is None and largest_gain(box, self._widths_of_sweep) < LEAST_GAIN:
                     return Status.CONTRACTED
             if status is not None:
@@ -185,30 +205,25 @@ class Contractor:
         return Status.CONTRACTED
 
     def _project_and_combine(
-        self,
-        axes: IntArray,
-        groups: Groups,
-        goal: Goal,
-        explained: FloatArray,
-        stopped: Callable[[], bool],
+        self, axes: IntArray, explained: FloatArray, stopped: Callable[[], bool]
     ) -> Status | None:
         """Apply all axes, and test the box after every few; None when there is more to gain."""
         box = self._box
-        enough = min(len(axes), self._schedule.axes_before_split * self._n_points)
+        enough = min(len(axes), self._axes_before_split)
         n_idle = 0
-        for first in range(0, max(1, len(axes)), goal.axes_per_test):
-            some = axes[first : first + goal.axes_per_test]
+        for first in range(0, max(1, len(axes)), self._axes_per_test):
+            some = axes[first : first + self._axes_per_test]
             np.subtract(box[UPPER], box[LOWER], out=self._widths_of_test)
-            status = self._project(some, self._n_points, stopped)
+            status = self._project(some, self.problem.n_points, stopped)
             if status is not None:
                 return status
-            if widest_gap_m(box) > LEAST_GAP * goal.resolution_m:
+            if widest_gap_m(box) > LEAST_GAP * self._resolution_m:
                 # Each part alone contracts better than both together: leave them to the split.
                 if first + len(some) >= enough:
                     return Status.CONTRACTED
-            elif not combine(*groups, box, self._dimension, explained):
+            elif not self.combine(box, explained):
                 return Status.EMPTY
-            elif is_finished(box, explained, goal.explained_factor, goal.resolution_m):
+            elif is_finished(box, explained, EXPLAINED_FACTOR, self._resolution_m):
                 return Status.CONTRACTED
             if stopped():
                 return Status.UNFINISHED
@@ -226,7 +241,3 @@ class Contractor:
             if not apply_axes(*self._scratch, some, count):
                 return Status.EMPTY
         return None
-
-    def _chiralities_are_possible(self, box: FloatArray) -> bool:
-        """Return whether the chiralities do not contradict each other everywhere in a box."""
-        return len(self._signs) < 2 or chiralities_are_possible(box, self._simplices, self._signs)

@@ -6,8 +6,8 @@ Contraction by linear combinations of all measured distances at once.
 
 Projections see a few points at a time; where errors run through a chain of them, the bounds they
 give are wider than the measurements allow. Here all measured pairs bound a pair together
-(`linearization`), with the multipliers of weighted least squares (`least_squares`) and bounds of
-the displacements from interval Newton steps (`newton`). The paper has no such step; it only
+(`linearization`), with the multipliers of weighted least squares and bounds of the displacements
+from interval Newton steps (`newton`). The paper has no such step; it only
 projects.
 """
 
@@ -18,22 +18,26 @@ from typing import NamedTuple
 import numpy as np
 
 from dg_localization.interval.kernels import kernel
-from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, Status, sub_box
-from dg_localization.solver.contract.least_squares import leave_out, set_inverse, set_multipliers
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, Status
 from dg_localization.solver.contract.linearization import (
     Linearization,
     bound_linear_function,
     choose_axis,
-    complete_frame,
+    combined_width,
+    linearize,
     narrow_to_linear,
-    new_linearization,
     point_errors_m,
-    set_displacements,
-    set_reference,
 )
-from dg_localization.solver.contract.newton import narrow_displacements
+from dg_localization.solver.contract.newton import (
+    leave_out,
+    narrow_displacements,
+    set_inverse,
+    set_multipliers,
+)
 from dg_localization.solver.contract.widths import largest_gain
+from dg_localization.solver.decompose.graph import connected_parts, graph_of
 from dg_localization.solver.place.placements import place
+from dg_localization.solver.problem import Problem
 
 NEWTON_STEPS = 3
 """Most interval Newton steps."""
@@ -49,21 +53,13 @@ def contract_linear(
 ) -> Status:
     """Narrow all pairs of a box by linear combinations of the measured ones, in place."""
     n_points, dimension = positions.shape
-    linear = new_linearization(edges, n_points, dimension)
     frame = np.full(dimension + 1, -1)
-    basis = np.zeros((dimension, dimension))
     errors_m = point_errors_m(box, np.arange(n_points))
     if not choose_axis(positions, errors_m, frame):
         return Status.NOT_RIGID
-    if not complete_frame(positions, errors_m, frame, basis):
-        return Status.NOT_RIGID
-    if not set_reference(positions, frame, basis, linear.reference):
-        return Status.NOT_RIGID
-    n_unknowns = set_displacements(box, frame, linear)
-    if n_unknowns == -1:
-        return Status.EMPTY
-    if n_unknowns < 0 or len(edges) < n_unknowns:
-        return Status.NOT_RIGID
+    linear, n_unknowns = linearize(box, positions, edges, errors_m, frame)
+    if n_unknowns < 0:
+        return Status.EMPTY if n_unknowns == -1 else Status.NOT_RIGID
     inverse = np.empty((n_unknowns, len(edges)))
     widths = np.empty(len(edges))
     for m in range(len(edges)):
@@ -96,13 +92,18 @@ def _narrow_all_pairs(
         edge_of[i, j] = edge_of[j, i] = m
     for i in range(n_points):
         for j in range(i + 1, n_points):
+            for axis in range(dimension):
+                target[i, axis] = 2.0 * (linear.reference[i, axis] - linear.reference[j, axis])
+                target[j, axis] = -target[i, axis]
             set_multipliers(linear, inverse, i, j, target, multipliers)
             width = 0.0
             for m in range(n_edges):
                 width += abs(multipliers[m]) * errors[m]
             explained[i, j] = explained[j, i] = width
             estimable = edge_of[i, j] < 0 or leave_out(multipliers, edge_of[i, j])
-            if estimable and _may_gain(box, linear, i, j, multipliers):
+            # Rounding and the square of the pair apart, a wider combination gains nothing.
+            width = combined_width(linear, multipliers) if estimable else np.inf
+            if width < box[UPPER, i, j] - box[LOWER, i, j]:
                 low, high = bound_linear_function(linear, multipliers, target)
                 if not narrow_to_linear(box, linear, i, j, low, high):
                     return False
@@ -112,80 +113,25 @@ def _narrow_all_pairs(
     return True
 
 
-@kernel(inlined=True)
-def _may_gain(
-    box: FloatArray, linear: Linearization, i: int, j: int, multipliers: FloatArray
-) -> bool:
-    """Return whether a combination is narrower than a pair, rounding and its square apart."""
-    width = 0.0
-    for m in range(len(multipliers)):
-        width += abs(multipliers[m]) * (linear.residuals[m, UPPER] - linear.residuals[m, LOWER])
-    return width < box[UPPER, i, j] - box[LOWER, i, j]
+class Group(NamedTuple):
+    """Points that chains of measured pairs connect."""
+
+    points: IntArray
+    edges: IntArray  # (m, 2): the measured pairs among them, by their places in `points`
+    errors: FloatArray  # (m,): the widths of their intervals in m^2
 
 
-class Groups(NamedTuple):
-    """
-    The points that chains of measured pairs connect, group by group, for the kernels.
-
-    Group g has the points ``members[offsets[g]:offsets[g + 1]]`` and the measured pairs
-    ``edges[edge_offsets[g]:edge_offsets[g + 1]]``, which count within its members.
-    """
-
-    offsets: IntArray
-    members: IntArray
-    edge_offsets: IntArray
-    edges: IntArray
-    errors: FloatArray  # width of each measured interval in m^2
-
-
-@kernel
-def groups_of(lower: FloatArray, upper: FloatArray) -> Groups:
+def groups_of(problem: Problem) -> list[Group]:
     """Return the points of a problem in groups that chains of measured pairs connect."""
-    n_points = len(upper)
-    group_of = np.full(n_points, -1)
-    queue = np.empty(n_points, dtype=np.int64)
-    members = np.empty(n_points, dtype=np.int64)
-    offsets = np.zeros(n_points + 1, dtype=np.int64)
-    edge_offsets = np.zeros(n_points + 1, dtype=np.int64)
-    edges = np.empty((n_points * n_points, 2), dtype=np.int64)
-    errors = np.empty(n_points * n_points)
-    n_groups = n_members = n_edges = 0
-    for seed in range(n_points):
-        if group_of[seed] >= 0:
-            continue
-        group_of[seed] = n_groups
-        queue[0] = seed
-        head, tail = 0, 1
-        while head < tail:
-            point = queue[head]
-            head += 1
-            for other in range(n_points):
-                if group_of[other] < 0 and upper[point, other] < np.inf:
-                    group_of[other] = n_groups
-                    queue[tail] = other
-                    tail += 1
-        first = n_members
-        for point in range(n_points):
-            if group_of[point] == n_groups:
-                members[n_members] = point
-                n_members += 1
-        for x in range(first, n_members):
-            for y in range(x + 1, n_members):
-                i, j = members[x], members[y]
-                if upper[i, j] < np.inf:
-                    edges[n_edges, 0], edges[n_edges, 1] = x - first, y - first
-                    errors[n_edges] = upper[i, j] - lower[i, j]
-                    n_edges += 1
-        n_groups += 1
-        offsets[n_groups] = n_members
-        edge_offsets[n_groups] = n_edges
-    return Groups(
-        offsets[: n_groups + 1].copy(),
-        members,
-        edge_offsets[: n_groups + 1].copy(),
-        edges[:n_edges].copy(),
-        errors[:n_edges].copy(),
-    )
+    pairs = problem.pairs.measured
+    alone = np.zeros(problem.n_points, dtype=np.bool_)
+    part = connected_parts(graph_of(problem.n_points, pairs), alone)
+    groups = []
+    for number in np.unique(part[pairs[:, 0]]):
+        points, among = np.flatnonzero(part == number), pairs[part[pairs[:, 0]] == number]
+        errors = problem.upper[tuple(among.T)] - problem.lower[tuple(among.T)]
+        groups.append(Group(points, np.searchsorted(points, among), errors))
+    return groups
 
 
 MAX_COMBINATIONS = 4
@@ -197,62 +143,22 @@ REFERENCE_STEPS = 3
 
 
 @kernel
-def _combine_group(
+def combine(
     box: FloatArray, dimension: int, edges: IntArray, errors: FloatArray, explained: FloatArray
-) -> Status:
-    """Narrow one group by linear combinations, as long as that gains much."""
-    status = Status.NOT_RIGID
+) -> bool:
+    """
+    Narrow connected points by linear combinations of measured pairs, as long as that gains much.
+
+    The widths that measurement errors explain are written in m^2, and nothing where the
+    measurements do not make the points rigid. False when the box is proved to hold no placement.
+    """
     # Any placement serves as a reference, that of the box as it was as well as a new one.
     positions = place(box, dimension, REFERENCE_STEPS)
     for _ in range(MAX_COMBINATIONS):
         widths = box[UPPER] - box[LOWER]
         status = contract_linear(box, positions, edges, errors, explained)
-        if status != Status.CONTRACTED or largest_gain(box, widths) < LEAST_COMBINATION_GAIN:
-            break
-    return status
-
-
-@kernel
-def combine(
-    offsets: IntArray,
-    members: IntArray,
-    edge_offsets: IntArray,
-    edges: IntArray,
-    errors: FloatArray,
-    box: FloatArray,
-    dimension: int,
-    explained: FloatArray,
-) -> bool:
-    """
-    Narrow every group of connected points by linear combinations of its measured pairs, in place.
-
-    Called as ``combine(*groups, box, dimension, explained)``; see `apply_axes` for the reason. The
-    widths that measurement errors explain are written in m^2, zero for the pairs of a group that
-    the measurements do not make rigid. False when the box is proved to hold no placement.
-    """
-    explained[:] = 0.0
-    for group in range(len(offsets) - 1):
-        points = members[offsets[group] : offsets[group + 1]]
-        size = len(points)
-        if size < 2:
-            continue
-        local = sub_box(box, points)
-        local_explained = np.empty((size, size))
-        status = _combine_group(
-            local,
-            dimension,
-            edges[edge_offsets[group] : edge_offsets[group + 1]],
-            errors[edge_offsets[group] : edge_offsets[group + 1]],
-            local_explained,
-        )
         if status == Status.EMPTY:
             return False
-        if status == Status.NOT_RIGID:
-            continue
-        for x in range(size):
-            for y in range(size):
-                if x != y:
-                    explained[points[x], points[y]] = local_explained[x, y]
-                    for plane in range(4):
-                        box[plane, points[x], points[y]] = local[plane, x, y]
+        if status != Status.CONTRACTED or largest_gain(box, widths) < LEAST_COMBINATION_GAIN:
+            break
     return True

@@ -130,7 +130,7 @@ def complete_frame(
 
 
 @kernel
-def set_reference(
+def _set_reference(
     positions: FloatArray, frame: IntArray, basis: FloatArray, reference: FloatArray
 ) -> bool:
     """Write the placement in its frame, rounded to a grid and zero where the frame demands it."""
@@ -193,9 +193,17 @@ class Linearization(NamedTuple):
 
 
 @kernel
-def new_linearization(edges: IntArray, n_points: int, dimension: int) -> Linearization:
-    """Allocate the arrays of a linearization."""
-    return Linearization(
+def linearize(
+    box: FloatArray, positions: FloatArray, edges: IntArray, errors_m: FloatArray, frame: IntArray
+) -> tuple[Linearization, int]:
+    """
+    Return the linearization about a placement in a frame, whose first two points are given.
+
+    Also returned is the number of unknown displacements: -1 when no placement is left, -2 when
+    the measured pairs do not determine them, or one of the two is out of range.
+    """
+    n_points, dimension = positions.shape
+    linear = Linearization(
         np.empty((n_points, dimension)),
         edges,
         np.empty((len(edges), dimension)),
@@ -204,10 +212,17 @@ def new_linearization(edges: IntArray, n_points: int, dimension: int) -> Lineari
         np.empty((len(edges), 2)),
         np.empty((2, n_points, dimension)),
     )
+    basis = np.zeros((dimension, dimension))
+    if not complete_frame(positions, errors_m, frame, basis):
+        return linear, -2
+    if not _set_reference(positions, frame, basis, linear.reference):
+        return linear, -2
+    n_unknowns = _set_displacements(box, frame, linear)
+    return linear, n_unknowns if n_unknowns <= len(edges) else -2
 
 
 @kernel
-def set_displacements(box: FloatArray, frame: IntArray, linear: Linearization) -> int:
+def _set_displacements(box: FloatArray, frame: IntArray, linear: Linearization) -> int:
     """
     Bound the displacements and number the unknown ones.
 
@@ -257,6 +272,15 @@ def set_residuals(box: FloatArray, linear: Linearization, relative: FloatArray) 
         at_reference_m2 = reference_distance_m2(reference, i, j)
         residuals[m, LOWER] = down(down(box[LOWER, i, j] - at_reference_m2) - high)
         residuals[m, UPPER] = up(up(box[UPPER, i, j] - at_reference_m2) - max(low, 0.0))
+
+
+@kernel(borrows=True)
+def combined_width(linear: Linearization, multipliers: FloatArray) -> float:
+    """Return how wide the residuals make a combination of the measured pairs, about."""
+    width = 0.0
+    for m in range(len(multipliers)):
+        width += abs(multipliers[m]) * (linear.residuals[m, UPPER] - linear.residuals[m, LOWER])
+    return width
 
 
 @kernel(borrows=True, watched=True)

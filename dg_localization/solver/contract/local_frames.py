@@ -26,12 +26,9 @@ from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.contract.linearization import (
     Linearization,
     bound_linear_function,
-    complete_frame,
+    linearize,
     narrow_to_linear,
-    new_linearization,
     point_errors_m,
-    set_displacements,
-    set_reference,
     set_residuals,
 )
 from dg_localization.solver.contract.newton import (
@@ -66,20 +63,11 @@ def contract_in_frame(
     width of each pair to first order, in m^2, is written where there is a linear program.
     """
     n_points, dimension = positions.shape
-    linear = new_linearization(edges, n_points, dimension)
     frame = np.full(dimension + 1, -1)
     frame[0], frame[1] = pairs[0, 0], pairs[0, 1]
-    basis = np.zeros((dimension, dimension))
-    errors_m = point_errors_m(box, frame[:2])
-    if not complete_frame(positions, errors_m, frame, basis):
-        return True
-    if not set_reference(positions, frame, basis, linear.reference):
-        return True
-    n_unknowns = set_displacements(box, frame, linear)
-    if n_unknowns == -1:
-        return False
-    if n_unknowns < 1 or len(edges) < n_unknowns:
-        return True
+    linear, n_unknowns = linearize(box, positions, edges, point_errors_m(box, frame[:2]), frame)
+    if n_unknowns < 0:
+        return n_unknowns != -1
     relative = np.empty((len(edges), 2, dimension))
     if not narrow_displacements(box, linear, relative, MOST_STEPS):
         return False

@@ -6,22 +6,162 @@ Bounds of the displacements, narrowed by interval Newton steps with more equatio
 
 The squares of relative displacements are what the residuals of the measured pairs lack. A relative
 displacement is known far better than the displacement of either end: a fleet can be turned
-further than it can be deformed.
+further than it can be deformed. The measured pairs are combined with the multipliers of weighted
+least squares; any multipliers give bounds (`linearization`), so these are not rounded outward.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
 from dg_localization.interval.kernels import kernel
 from dg_localization.interval.scalars import sub
 from dg_localization.solver.box import LOWER, UPPER, FloatArray
-from dg_localization.solver.contract.least_squares import set_difference_of_rows, set_inverse
 from dg_localization.solver.contract.linearization import (
+    SMALLEST_WIDTH,
     Linearization,
     bound_linear_function,
+    combined_width,
+    reference_distance_m2,
     set_residuals,
 )
+
+LEAST_WIDTH_RATIO = 1e-3
+"""No width counts as less than this fraction of the largest: the normal equations square it."""
+
+LEAST_PIVOT = 1e-13
+"""A pivot that keeps less than this fraction of its diagonal entry counts as zero."""
+
+LEAST_SHARE = 1e-6
+"""A measured pair is bounded by the others when they make up at least this share of it."""
+
+
+@kernel(borrows=True)
+def _invert(matrix: FloatArray) -> bool:
+    """Replace a symmetric positive definite matrix by its inverse; False when it is singular."""
+    size = len(matrix)
+    for i in range(size):
+        diagonal = matrix[i, i]
+        for j in range(i + 1):
+            value = matrix[i, j]
+            for k in range(j):
+                value -= matrix[i, k] * matrix[j, k]
+            if i == j:
+                if not value > LEAST_PIVOT * diagonal:
+                    return False
+                matrix[i, i] = math.sqrt(value)
+            else:
+                matrix[i, j] = value / matrix[j, j]
+    # The inverse of the factor, below the diagonal; then its product with its transpose.
+    for i in range(size):
+        matrix[i, i] = 1.0 / matrix[i, i]
+        for j in range(i):
+            value = 0.0
+            for k in range(j, i):
+                value -= matrix[i, k] * matrix[k, j]
+            matrix[i, j] = value * matrix[i, i]
+    for i in range(size):
+        for j in range(i + 1):
+            value = 0.0
+            for k in range(i, size):
+                value += matrix[k, i] * matrix[k, j]
+            matrix[i, j] = value
+    for i in range(size):
+        for j in range(i):
+            matrix[j, i] = matrix[i, j]
+    return True
+
+
+@kernel
+def set_inverse(widths: FloatArray, linear: Linearization, inverse: FloatArray) -> bool:
+    """
+    Write the least-squares inverse of the gradients, weighted by the widths; False: singular.
+
+    Each row, of shape (m,), holds the multipliers that estimate one unknown displacement.
+    """
+    n_unknowns, n_edges = inverse.shape
+    dimension = linear.reference.shape[1]
+    # The unknown displacements of both ends of each pair, and the entries of its gradient.
+    columns = np.empty((n_edges, 2 * dimension), dtype=np.int64)
+    slopes = np.empty((n_edges, 2 * dimension))
+    for m in range(n_edges):
+        for axis in range(dimension):
+            columns[m, axis] = linear.unknowns[linear.edges[m, 0], axis]
+            columns[m, dimension + axis] = linear.unknowns[linear.edges[m, 1], axis]
+            slopes[m, axis] = linear.gradients[m, axis]
+            slopes[m, dimension + axis] = -linear.gradients[m, axis]
+    normal = np.zeros((n_unknowns, n_unknowns))
+    weights = np.empty(n_edges)
+    _set_weights(widths, linear, weights)
+    for m in range(n_edges):
+        for x in range(2 * dimension):
+            for y in range(2 * dimension):
+                row, column = columns[m, x], columns[m, y]
+                if row >= 0 and column >= 0:
+                    normal[row, column] += weights[m] * slopes[m, x] * slopes[m, y]
+    if not _invert(normal):
+        return False
+    for row in range(n_unknowns):
+        for m in range(n_edges):
+            value = 0.0
+            for x in range(2 * dimension):
+                if columns[m, x] >= 0:
+                    value += slopes[m, x] * normal[row, columns[m, x]]
+            inverse[row, m] = weights[m] * value
+    return True
+
+
+@kernel
+def _set_weights(widths: FloatArray, linear: Linearization, weights: FloatArray) -> None:
+    """Write the weight of each measured pair: the narrower it is, the greater."""
+    scale_m2 = 0.0
+    for m in range(len(widths)):
+        i, j = linear.edges[m, 0], linear.edges[m, 1]
+        scale_m2 = max(scale_m2, reference_distance_m2(linear.reference, i, j))
+    widest = widths.max()
+    for m in range(len(widths)):
+        width = max(widths[m], LEAST_WIDTH_RATIO * widest)
+        width = width / scale_m2 + SMALLEST_WIDTH
+        weights[m] = 1.0 / (width * width)
+
+
+@kernel(inlined=True)
+def set_multipliers(
+    linear: Linearization,
+    inverse: FloatArray,
+    i: int,
+    j: int,
+    target: FloatArray,
+    multipliers: FloatArray,
+) -> None:
+    """Write the multipliers that estimate a function of the displacements of two points."""
+    for m in range(len(multipliers)):
+        multipliers[m] = 0.0
+    for point in (i, j):
+        for axis in range(target.shape[1]):
+            row = linear.unknowns[point, axis]
+            if row >= 0 and target[point, axis] != 0.0:
+                for m in range(len(multipliers)):
+                    multipliers[m] += target[point, axis] * inverse[row, m]
+
+
+@kernel(inlined=True)
+def leave_out(multipliers: FloatArray, own: int) -> bool:
+    """
+    Estimate a measured pair by the others alone; return whether they are enough.
+
+    The estimate contains the pair itself with some share, which is taken out.
+    """
+    share = 1.0 - multipliers[own]
+    if not share > LEAST_SHARE:
+        return False
+    multipliers[own] = 0.0
+    for m in range(len(multipliers)):
+        multipliers[m] /= share
+    return True
+
 
 LEAST_NEWTON_GAIN = 0.1
 """A step that shortens no interval by more than this fraction is the last."""
@@ -76,42 +216,41 @@ def _newton_step(linear: Linearization, inverse: FloatArray, relative: FloatArra
     for m in range(len(linear.edges)):
         i, j = linear.edges[m, 0], linear.edges[m, 1]
         for axis in range(dimension):
-            row_i, row_j = linear.unknowns[i, axis], linear.unknowns[j, axis]
-            set_difference_of_rows(inverse, row_i, row_j, multipliers)
-            if not _may_gain(linear, multipliers, relative[m], axis):
-                continue
-            target[i, axis] = 1.0
-            target[j, axis] = -1.0
-            low, high = bound_linear_function(linear, multipliers, target)
-            target[i, axis] = 0.0
-            target[j, axis] = 0.0
-            gain = narrow_bounds(relative[m], axis, low, high)
+            target[i, axis], target[j, axis] = 1.0, -1.0
+            set_multipliers(linear, inverse, i, j, target, multipliers)
+            gain = _narrow_by(linear, multipliers, target, relative[m], axis)
+            target[i, axis], target[j, axis] = 0.0, 0.0
             if gain < 0.0:
                 return -1.0
             largest_gain = max(largest_gain, gain)
     for i in range(n_points):
         for axis in range(dimension):
             row = linear.unknowns[i, axis]
-            if row < 0 or not _may_gain(linear, inverse[row], linear.displacements[i], axis):
+            if row < 0:
                 continue
             target[i, axis] = 1.0
-            low, high = bound_linear_function(linear, inverse[row], target)
+            gain = _narrow_by(linear, inverse[row], target, linear.displacements[i], axis)
             target[i, axis] = 0.0
-            if narrow_bounds(linear.displacements[i], axis, low, high) < 0.0:
+            if gain < 0.0:
                 return -1.0
     return largest_gain
 
 
 @kernel(borrows=True)
-def _may_gain(
-    linear: Linearization, multipliers: FloatArray, bounds: FloatArray, axis: int
-) -> bool:
-    """Return whether a combination of residuals is narrow enough to gain on bounds."""
-    width = 0.0
-    for m in range(len(multipliers)):
-        width += abs(multipliers[m]) * (linear.residuals[m, UPPER] - linear.residuals[m, LOWER])
-    # Also where nothing is bounded yet, and a width is infinite or NaN.
-    return not width > MOST_TIMES_AS_WIDE * (bounds[UPPER, axis] - bounds[LOWER, axis])
+def _narrow_by(
+    linear: Linearization,
+    multipliers: FloatArray,
+    target: FloatArray,
+    bounds: FloatArray,
+    axis: int,
+) -> float:
+    """Narrow bounds by a combination that may gain; return the gain, negative when empty."""
+    # It may also where nothing is bounded yet, and a width is infinite or NaN.
+    known = bounds[UPPER, axis] - bounds[LOWER, axis]
+    if combined_width(linear, multipliers) > MOST_TIMES_AS_WIDE * known:
+        return 0.0
+    low, high = bound_linear_function(linear, multipliers, target)
+    return narrow_bounds(bounds, axis, low, high)
 
 
 @kernel(borrows=True)

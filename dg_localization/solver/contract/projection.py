@@ -99,13 +99,23 @@ def is_axis(box: FloatArray, a: int, b: int) -> bool:
 @kernel(borrows=True)
 def project(box: FloatArray, rows: Rows, points: IntArray, a: int, b: int) -> int:
     """Project the points of a box along the axis from `a` to `b` (Section 4.1)."""
-    count = _choose_points(box, rows.points, points, a, b)
+    count = 0
+    for x in range(len(points)):
+        i = points[x]
+        # Others may be anywhere.
+        if i != a and i != b and box[UPPER, a, i] < math.inf and box[UPPER, b, i] < math.inf:
+            rows.points[count] = i
+            count += 1
     if count == 0:
         rows.points[0] = a
         return 1
     d_lower, d_upper = sqrt_down(box[LOWER, a, b]), sqrt_up(box[UPPER, a, b])
     stop = lanes_of(count)
-    _gather_ends(box, rows, a, b, count)
+    for y in range(stop):
+        # Spare lanes hold a point over again.
+        i = rows.points[min(y, count - 1)]
+        rows.ends[A_LOWER, y], rows.ends[A_UPPER, y] = box[LOWER, a, i], box[UPPER, a, i]
+        rows.ends[B_LOWER, y], rows.ends[B_UPPER, y] = box[LOWER, b, i], box[UPPER, b, i]
     _set_coordinates(rows.ends, stop, d_lower, d_upper)
     n_gaps = 0
     for x in range(count):
@@ -119,30 +129,6 @@ def project(box: FloatArray, rows: Rows, points: IntArray, a: int, b: int) -> in
     if not _set_heights(rows, count, box[LOWER, a, b], box[UPPER, a, b]):
         return -1
     return count + 1
-
-
-@kernel(inlined=True)
-def _choose_points(
-    box: FloatArray, projected_points: IntArray, points: IntArray, a: int, b: int
-) -> int:
-    """Write the other points at a finite distance from both ends; return their number."""
-    count = 0
-    for x in range(len(points)):
-        i = points[x]
-        if i != a and i != b and box[UPPER, a, i] < math.inf and box[UPPER, b, i] < math.inf:
-            projected_points[count] = i
-            count += 1
-    return count
-
-
-@kernel(inlined=True)
-def _gather_ends(box: FloatArray, rows: Rows, a: int, b: int, count: int) -> None:
-    """Write the squared distances to both ends; spare lanes hold those of a point over again."""
-    ends = rows.ends
-    for y in range(lanes_of(count)):
-        i = rows.points[min(y, count - 1)]
-        ends[A_LOWER, y], ends[A_UPPER, y] = box[LOWER, a, i], box[UPPER, a, i]
-        ends[B_LOWER, y], ends[B_UPPER, y] = box[LOWER, b, i], box[UPPER, b, i]
 
 
 @kernel(inlined=True)

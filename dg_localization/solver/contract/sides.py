@@ -10,6 +10,7 @@ face F fix a side, sigma_{F;i,k} = -chi(F, i) chi(F, k) (Section 3).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from dg_localization.interval.kernels import kernel
 from dg_localization.interval.scalars import add, mul, sub
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.contract.line import BOTH
-from dg_localization.solver.problem import Problem
+from dg_localization.solver.problem import Chirality, Problem
 
 _CHIRALITY_GROUP = 0
 
@@ -160,20 +161,15 @@ def volume_product(box: FloatArray, p: IntArray, q: IntArray) -> tuple[float, fl
     return low, high
 
 
-@kernel
-def chiralities_are_possible(box: FloatArray, simplices: IntArray, signs: IntArray) -> bool:
+def chiralities_are_possible(box: FloatArray, chiralities: Sequence[Chirality]) -> bool:
     """
     Return whether chiralities may hold together in a box; False is a proof that they do not.
 
     Every simplex is compared with the first one.
-
-    False when two of them contradict each other everywhere in the box.
     """
-    for x in range(1, len(signs)):
-        low, high = volume_product(box, simplices[0], simplices[x])
-        if signs[0] * signs[x] > 0:
-            if high < 0.0:
-                return False
-        elif low > 0.0:
+    for known in chiralities[1:]:
+        first, second = np.array([chiralities[0].points, known.points], dtype=np.int64)
+        low, high = volume_product(box, first, second)
+        if (high < 0.0) if known.sign == chiralities[0].sign else (low > 0.0):
             return False
     return True

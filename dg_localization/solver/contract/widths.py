@@ -40,18 +40,6 @@ def relative_error(box: FloatArray, i: int, j: int) -> float:
 
 
 @kernel(borrows=True)
-def is_narrow(box: FloatArray, resolution_m: float) -> bool:
-    """Return whether every bounded distance is known to the resolution."""
-    n_points = box.shape[1]
-    for i in range(n_points):
-        for j in range(i + 1, n_points):
-            upper = box[UPPER, i, j]
-            if upper < np.inf and math.sqrt(upper) - math.sqrt(box[LOWER, i, j]) > resolution_m:
-                return False
-    return True
-
-
-@kernel(borrows=True)
 def excess(
     box: FloatArray, explained: FloatArray, factor: float, resolution_m: float, i: int, j: int
 ) -> float:
@@ -66,37 +54,27 @@ def excess(
 
 
 @kernel(borrows=True)
-def is_explained(
-    box: FloatArray, explained: FloatArray, factor: float, resolution_m: float
-) -> bool:
-    """Return whether no pair is wider than allowed."""
-    n_points = box.shape[1]
-    for i in range(n_points):
-        for j in range(i + 1, n_points):
-            if excess(box, explained, factor, resolution_m, i, j) > 1.0:
-                return False
-    return True
-
-
-@kernel(borrows=True)
-def widest_gap_m(box: FloatArray) -> float:
-    """Return the width of the widest known gap in m."""
-    n_points = box.shape[1]
-    widest = 0.0
-    for i in range(n_points):
-        for j in range(i + 1, n_points):
-            high = box[GAP_UPPER, i, j]
-            if high > box[GAP_LOWER, i, j]:
-                widest = max(widest, math.sqrt(high) - math.sqrt(box[GAP_LOWER, i, j]))
-    return widest
-
-
-@kernel(borrows=True)
 def is_finished(
     box: FloatArray, explained: FloatArray, factor: float, resolution_m: float
 ) -> bool:
     """Return whether a box is narrower than the resolution or no wider than the errors explain."""
-    return is_narrow(box, resolution_m) or is_explained(box, explained, factor, resolution_m)
+    n_points = box.shape[1]
+    is_narrow = is_explained = True
+    for i in range(n_points):
+        for j in range(i + 1, n_points):
+            upper = box[UPPER, i, j]
+            if upper < np.inf and math.sqrt(upper) - math.sqrt(box[LOWER, i, j]) > resolution_m:
+                is_narrow = False
+            if excess(box, explained, factor, resolution_m, i, j) > 1.0:
+                is_explained = False
+            if not (is_narrow or is_explained):
+                return False
+    return True
+
+
+def widest_gap_m(box: FloatArray) -> float:
+    """Return the width of the widest known gap in m."""
+    return float((np.sqrt(box[GAP_UPPER]) - np.sqrt(box[GAP_LOWER])).max())
 
 
 def axes_of(problem: Problem) -> IntArray:

@@ -19,12 +19,15 @@ from itertools import combinations
 
 import numpy as np
 
-from dg_localization.interval.kernels import WORK_PER_LOOK, kernel, look_after
-from dg_localization.solver.box import IntArray
+from dg_localization.interval.kernels import WORK_OF_A_STEP, look_after
+from dg_localization.solver.box import FloatArray, IntArray
 from dg_localization.solver.decompose.graph import BoolArray, Pair, Points
 
 PRIME = 2**31 - 1
 """The sum of two products of residues fits into 64 bits."""
+
+RANK_TOLERANCE = 1e-6
+"""A direction in which the measured distances resist less than this does not count."""
 
 SEED = 1
 """The coordinates are random, and the same in every run."""
@@ -43,6 +46,35 @@ def is_rigid(n_points: int, pairs: IntArray, dimension: int) -> bool:
     if len(pairs) < rigid_rank(n_points, dimension):
         return False
     return any(len(c) == n_points for c in rigid_components(n_points, pairs, dimension))
+
+
+def is_flexible(positions: FloatArray, measured: BoolArray) -> bool:
+    """
+    Return whether the measured distances leave a placement free to move, at least to first order.
+
+    The stiffness matrix of springs of one strength in place of the measured pairs has the rank of
+    the rigidity matrix. Its kernel holds the motions of the whole fleet and, where the rank is
+    lower than in general position, motions that no measurement resists: a flex.
+    """
+    n_points, dimension = positions.shape
+    i, j = np.nonzero(np.triu(measured, 1))
+    rank = rigid_rank(n_points, dimension)
+    if len(i) == n_points * (n_points - 1) // 2:
+        return False
+    if len(i) < rank:
+        return True
+    look_after(positions.size**3 // 10)
+    # Squares must not overflow; points that coincide resist no motion.
+    scaled = positions / (np.abs(positions).max() or 1.0)
+    arms = scaled[i] - scaled[j]
+    lengths = np.linalg.norm(arms, axis=1, keepdims=True)
+    units = np.divide(arms, lengths, out=np.zeros_like(arms), where=lengths > 0.0)
+    stiffness = np.zeros((n_points, n_points, dimension, dimension))
+    stiffness[i, j] = stiffness[j, i] = -units[:, :, None] * units[:, None]
+    stiffness[range(n_points), range(n_points)] = -stiffness.sum(axis=1)
+    matrix = stiffness.transpose(0, 2, 1, 3).reshape(positions.size, positions.size)
+    strengths = np.linalg.eigvalsh(matrix)
+    return bool(np.count_nonzero(strengths > RANK_TOLERANCE**2) < rank)
 
 
 def rigid_components(n_points: int, pairs: IntArray, dimension: int) -> list[Points]:
@@ -152,84 +184,39 @@ def joined_bodies(parts: Sequence[Collection[int]], n_common: int) -> list[set[i
 def implied_pairs(n_points: int, pairs: IntArray, dimension: int) -> BoolArray:
     """Return which distances the measured ones imply, generically up to finitely many values."""
     positions, motion = np.random.default_rng(SEED).integers(1, PRIME, (2, n_points, dimension))
-    n_columns = n_points * dimension
-    rows = np.zeros((rigid_rank(n_points, dimension) + 1, n_columns), dtype=np.int64)
-    row_of = np.full(n_columns, -1)
     # Points with few pairs come first: their rows hardly fill the others.
-    n_pairs = np.bincount(pairs.ravel(), minlength=n_points)
-    place = np.argsort(np.argsort(n_pairs, kind='stable'))
-    rank, at_once = 0, 1 + WORK_PER_LOOK // rows.size
-    for first in range(0, len(pairs), at_once):
-        some = pairs[first : first + at_once]
-        rank = int(_eliminate(positions, some, place, rows, row_of, rank))
-        look_after(len(some) * rows.size)
-    _solve_back(rows, row_of, motion.reshape(-1))
-    speeds = motion[place]
+    order = np.argsort(np.bincount(pairs.ravel(), minlength=n_points), kind='stable')
+    i, j = np.argsort(order)[pairs].T
+    places, number = positions[order], np.arange(len(pairs))
+    rows = np.zeros((len(pairs), n_points, dimension), dtype=np.int64)
+    rows[number, i], rows[number, j] = places[i] - places[j], places[j] - places[i]
+    speeds = _kept_motion(rows.reshape(len(pairs), -1) % PRIME, motion.ravel())
     total = np.zeros((n_points, n_points), dtype=np.int64)
-    for x, v in zip(positions.T, speeds.T, strict=True):
+    for x, v in zip(places.T, speeds.reshape(n_points, dimension).T, strict=True):
         total += (x[:, None] - x) % PRIME * ((v[:, None] - v) % PRIME) % PRIME
-    return np.asarray(total % PRIME == 0)
+    implied = np.empty((n_points, n_points), dtype=np.bool_)
+    implied[np.ix_(order, order)] = total % PRIME == 0
+    return implied
 
 
-@kernel
-def _eliminate(
-    positions: IntArray,
-    pairs: IntArray,
-    place: IntArray,
-    rows: IntArray,
-    row_of: IntArray,
-    rank: int,
-) -> int:
-    """
-    Go on with the elimination over some pairs; return the rank.
-
-    The columns of point i begin at ``q * place[i]``; the row whose first entry is in a column is
-    ``rows[row_of[column]]``. The last row is scratch.
-    """
-    dimension = positions.shape[1]
-    n_columns = rows.shape[1]
-    for x in range(len(pairs)):
-        if rank == len(rows) - 1:
-            break
-        i, j = pairs[x, 0], pairs[x, 1]
-        row = rows[rank]
-        row[:] = 0
-        for axis in range(dimension):
-            difference = (positions[i, axis] - positions[j, axis]) % PRIME
-            row[place[i] * dimension + axis] = difference
-            row[place[j] * dimension + axis] = (PRIME - difference) % PRIME
-        for pivot in range(n_columns):
-            if row[pivot] == 0:
-                continue
-            if row_of[pivot] < 0:
-                row_of[pivot] = rank
-                rank += 1
-                break
-            other = rows[row_of[pivot]]
-            factor, scale = PRIME - row[pivot], other[pivot]
-            for column in range(pivot, n_columns):
-                row[column] = (row[column] * scale + factor * other[column]) % PRIME
-    return rank
-
-
-@kernel
-def _solve_back(rows: IntArray, row_of: IntArray, motion: IntArray) -> None:
-    """Choose the first entry of a motion for every row such that the row vanishes on it."""
-    for pivot in range(len(motion) - 1, -1, -1):
-        if row_of[pivot] < 0:
+def _kept_motion(rows: IntArray, motion: IntArray) -> IntArray:
+    """Return a motion modulo the prime on which all rows vanish, a given one where it is free."""
+    pivots: list[int] = []
+    for column in range(rows.shape[1]):
+        rank = len(pivots)
+        found = rank + np.flatnonzero(rows[rank:, column])
+        if not len(found):
             continue
-        row = rows[row_of[pivot]]
-        total = 0
-        for column in range(pivot + 1, len(motion)):
-            total = (total + row[column] * motion[column]) % PRIME
-        # The inverse modulo the prime (Fermat).
-        inverse, power, exponent = 1, row[pivot], PRIME - 2
-        while exponent:
-            if exponent & 1:
-                inverse = inverse * power % PRIME
-            power = power * power % PRIME
-            exponent >>= 1
-        motion[pivot] = (PRIME - total) * inverse % PRIME
+        pivots.append(column)
+        rows[[rank, found[0]]] = rows[[found[0], rank]]
+        rows[rank] = rows[rank] * pow(int(rows[rank, column]), -1, PRIME) % PRIME
+        below = found[1:]
+        rows[below] = (rows[below] - rows[below, column, None] * rows[rank]) % PRIME
+        look_after(WORK_OF_A_STEP + found.size * rows.shape[1])
+    for row, column in reversed(list(enumerate(pivots))):
+        after = slice(column + 1, None)
+        motion[column] = -(rows[row, after] * motion[after] % PRIME).sum() % PRIME
+    return motion
 
 
 def _components_of_implied(implied: BoolArray, dimension: int) -> list[IntArray]:

@@ -6,14 +6,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from copy import copy
 from functools import cached_property, partial
 
 import numpy as np
 
 from dg_localization.interval.environment import default_environment
 from dg_localization.solver.assemble.subproblem import Bounds, parts_within
-from dg_localization.solver.box import FloatArray, IntArray
+from dg_localization.solver.box import FloatArray
+from dg_localization.solver.decompose.rigid_components import is_flexible
 from dg_localization.solver.pair_bounds import PairBounds
 from dg_localization.solver.patches.chains import ChainGraph
 from dg_localization.solver.patches.known_pairs import Ambiguities
@@ -33,7 +33,6 @@ from dg_localization.solver.place.placements import (
     sought,
 )
 from dg_localization.solver.place.proofs import pairs_lie_within, with_known_chirality
-from dg_localization.solver.place.rigidity import is_flexible
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
 
@@ -59,14 +58,13 @@ class ChainedHypothesis(LazyHypothesis):
     _graph: ChainGraph
     _n_points: int
     _within: Sequence[Bounds] | None
-    _placement: Callable[[], Placement] | None
 
     def __init__(
         self,
         graph: ChainGraph,
         n_points: int,
         within: Sequence[Bounds] | None,
-        placement: Callable[[], Placement] | None,
+        seek: Callable[[], Placement] | None,
         flexible: bool,
     ) -> None:
         # The base class is frozen.
@@ -74,13 +72,10 @@ class ChainedHypothesis(LazyHypothesis):
             '_graph': graph,
             '_n_points': n_points,
             '_within': within,
-            '_placement': placement,
+            '_seek': seek,
             'flexible': flexible,
         }
         self.__dict__.update(values)
-
-    def _seek(self) -> Placement:
-        return self._placement() if self._placement else (None, False)
 
     def bounds_of_pair(self, first: int, second: int) -> tuple[float, float]:
         """Return the bounds in m^2 of the squared distance of two points, by their rows."""
@@ -131,14 +126,13 @@ class PatchAnswers:
         self._problem = problem
         self._solved = solved
         self._within = within
-        self._stopped = stopped
         self._ambiguities = Ambiguities(solved.patches, solved.known, stopped)
 
     def boxes(self, most: int) -> list[Bounds]:
         """Return boxes of all pairs that hold every placement between them."""
         rows, columns = self._solved.known.pairs.T
         boxes = []
-        for choice in self._choices(most):
+        for choice in self._ambiguities.choices(most):
             low, high = self._chosen(choice)
             lower, upper = self._problem.lower.copy(), self._problem.upper.copy()
             lower[rows, columns] = lower[columns, rows] = low
@@ -146,74 +140,65 @@ class PatchAnswers:
             boxes.append((lower, upper))
         return parts_within(boxes, self._within)
 
-    def hypotheses(self, most: int) -> list[Hypothesis]:
-        """Return hypotheses that hold every placement between them."""
+    def hypotheses(self, most: int, stopped: Callable[[], bool]) -> list[Hypothesis]:
+        """
+        Return hypotheses that hold every placement between them.
+
+        What stops the call is not kept: their placements are asked for later, and take few steps.
+        """
         n_points = self._problem.n_points
         known = self._solved.known
         chains = ChainGraph(n_points, known.pairs, known.lower, known.upper)
-        most = 1 if self._stopped() else min(most, max(1, MOST_NUMBERS // n_points**2))
-        choices = self._choices(most)
+        most = 1 if stopped() else min(most, max(1, MOST_NUMBERS // n_points**2))
+        choices = self._ambiguities.choices(most)
         graphs = [chains.with_bounds(*self._chosen(choice)) for choice in choices]
-        start = self._start(chains)
-        anywhere = (None, False) if start is None else self._placement(start)
-        flexible = self._is_flexible(*anywhere)
-        later = self._without_limits()
+        start = self._start(chains, stopped)
+        anywhere = (None, False) if start is None else self._placement(start, stopped)
+        flexible = self._is_flexible(anywhere, stopped)
         return [
             ChainedHypothesis(
                 graph,
                 n_points,
                 self._within,
-                partial(later._placement_of, choice, start, anywhere),
+                partial(self._placement_of, choice, start, anywhere),
                 flexible,
             )
             for graph, choice in zip(graphs, choices, strict=True)
         ]
 
-    def _without_limits(self) -> PatchAnswers:
-        """Return this for placements that are asked for once the time of the call is over."""
-        later = copy(self)
-        # Few steps each. What stops the call may hold locks, and could not be pickled.
-        later._stopped = never
-        return later
-
     def _placement_of(
         self, choice: Mapping[int, int], start: FloatArray | None, anywhere: Placement
     ) -> Placement:
-        """Return a placement for a choice, given one that lies anywhere."""
+        """Return a placement for a choice of hypotheses, given one that lies anywhere."""
         positions, proved = anywhere
         if start is None or positions is None or not choice:
             return anywhere
         # It belongs to the choice that it lies in; of most others there is no placement at all.
         if proved and self._is_within(positions, choice):
             return anywhere
-        return self._placement_in(start, choice)
-
-    def _placement(self, start: FloatArray) -> tuple[FloatArray, bool]:
-        """Return a placement with any hypotheses of the patches, and whether it is proved."""
-        known = self._solved.known.pairs, *self._chosen({})
-        # Known pairs give the shape; what has to agree are the measured ones.
-        positions = refined(start, *known, 0.0, self._stopped, QUICK)
-        positions = refined(positions, *self._measured, MARGIN, self._stopped)
-        positions, proved = self._settled(positions)
-        if proved or self._stopped():
-            return positions, proved
-        return self._settled(sought(positions, *self._measured, self._stopped))
-
-    def _placement_in(
-        self, start: FloatArray, choice: Mapping[int, int]
-    ) -> tuple[FloatArray, bool]:
-        """Return a placement for a choice of hypotheses, and whether it is proved to be one."""
         known = self._solved.known.pairs, *self._chosen(choice)
-        positions = refined(start, *known, 0.0, self._stopped, QUICK)
-        positions = refined(positions, *known, 0.5 * MARGIN, self._stopped, QUICK)
+        positions = refined(start, *known, 0.0, never, QUICK)
+        positions = refined(positions, *known, 0.5 * MARGIN, never, QUICK)
         positions, proved = self._settled(positions)
         return positions, proved and self._is_within(positions, choice)
 
-    def _start(self, chains: ChainGraph) -> FloatArray | None:
+    def _placement(self, start: FloatArray, stopped: Callable[[], bool]) -> Placement:
+        """Return a placement with any hypotheses of the patches, and whether it is proved."""
+        known = self._solved.known.pairs, *self._chosen({})
+        measured = self._problem.pairs.pairs, self._problem.pairs.lower, self._problem.pairs.upper
+        # Known pairs give the shape; what has to agree are the measured ones.
+        positions = refined(start, *known, 0.0, stopped, QUICK)
+        positions = refined(positions, *measured, MARGIN, stopped)
+        positions, proved = self._settled(positions)
+        if proved or stopped():
+            return positions, proved
+        return self._settled(sought(positions, *measured, stopped))
+
+    def _start(self, chains: ChainGraph, stopped: Callable[[], bool]) -> FloatArray | None:
         """Return a placement laid out by the lengths of chains, None where they are too long."""
-        if self._stopped():
+        if stopped():
             return None
-        pivots, lengths_m = chains.pivot_lengths_m(MOST_PIVOTS, self._stopped)
+        pivots, lengths_m = chains.pivot_lengths_m(MOST_PIVOTS, stopped)
         if not lengths_m.max() ** 2 < LARGEST_M2:
             return None
         return scaled_by_pivots(lengths_m, pivots, self._problem.dimension)
@@ -234,22 +219,18 @@ class PatchAnswers:
         keys = first * len(positions) + second
         return pairs_lie_within(PairBounds(len(positions), keys, *self._chosen(choice)), positions)
 
-    def _is_flexible(self, positions: FloatArray | None, proved: bool) -> bool:
+    def _is_flexible(self, placed: Placement, stopped: Callable[[], bool]) -> bool:
         """Return whether a placement can move; also where that takes too long to examine."""
         solved, problem = self._solved, self._problem
         patches = [h for p in solved.patches for h in p.remaining()]
         if solved.is_one_body and not any(h.flexible for h in patches):
             # Rigid patches that hold together are rigid as a whole.
             return False
-        is_ranked = proved and problem.n_points <= MOST_RANKED and not self._stopped()
+        positions, proved = placed
+        is_ranked = proved and problem.n_points <= MOST_RANKED and not stopped()
         if positions is None or not is_ranked or solved.n_unsolved > 0:
             return True
         return bool(is_flexible(positions, np.isfinite(problem.upper)))
-
-    def _choices(self, most: int) -> list[dict[int, int]]:
-        """Return a hypothesis for each ambiguous patch, or none chosen where there are many."""
-        choices = self._ambiguities.choices(most)
-        return [{}] if choices is None else choices
 
     def _chosen(self, choice: Mapping[int, int]) -> Bounds:
         """Return the bounds of the known pairs for a choice of hypotheses."""
@@ -260,9 +241,3 @@ class PatchAnswers:
             low[numbers] = np.maximum(low[numbers], patch_low)
             high[numbers] = np.minimum(high[numbers], patch_high)
         return low, high
-
-    @cached_property
-    def _measured(self) -> tuple[IntArray, FloatArray, FloatArray]:
-        """The pairs that the problem bounds, and their bounds in m^2."""
-        bounded = self._problem.pairs
-        return bounded.pairs, bounded.lower, bounded.upper

@@ -196,14 +196,12 @@ class Ambiguities:
             dropped = dropped or bool(gone)
         return dropped
 
-    def choices(self, most: int) -> list[Choice] | None:
-        """Return all choices that agree pair by pair, None where there are more than `most`."""
-        if not self._ambiguous:
-            return [{}]
+    def choices(self, most: int) -> list[Choice]:
+        """Return all choices that agree pair by pair, or none chosen where there are too many."""
         listed = self._combinations.listed(lambda _: True)
         found = list(islice(listed, most + 1))
         if len(found) > most:
-            return None
+            return [{}]
         return [
             {self._ambiguous[x]: self._left[x][y] for x, y in sorted(c.hypotheses.items())}
             for c in found

@@ -6,22 +6,27 @@ A large rigid piece, solved in patches.
 
 Small rigid neighborhoods cover all measured pairs and overlap. Each is solved as a problem of its
 own; what all of them say of a shared pair narrows it, and hypotheses that contradict their
-neighbors are dropped. Further patches cross the seams between those that are held together, and
-look again at those that several hypotheses are left of. Every placement of the piece is a
-placement of each patch, so that nothing is lost, whatever the patches are.
+neighbors are dropped. Further patches cross the seams between those that are held together. Every
+placement of the piece is a placement of each patch, so that nothing is lost, whatever the patches
+are.
+
+Patches are independent tasks, for this process or for those of an executor. They are handed out
+in batches and taken back in their order, so that the answer is the one that this process alone
+would give. Clocks differ between machines: a task takes along how much time is left.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass
+from itertools import islice
 
-import numpy as np
-
+from dg_localization.interval.environment import default_environment
 from dg_localization.solver.assemble.subproblem import Bounds, restricted, restricted_boxes
-from dg_localization.solver.assemble.tasks import Subproblem, solve_subproblems
 from dg_localization.solver.box import UPPER
 from dg_localization.solver.decompose.graph import Pair, Points
+from dg_localization.solver.options import SolverOptions
 from dg_localization.solver.patches.known_pairs import Ambiguities, KnownPairs, Patch
 from dg_localization.solver.patches.neighborhoods import (
     PATCH_POINTS,
@@ -30,19 +35,136 @@ from dg_localization.solver.patches.neighborhoods import (
     covering_patches,
     seam_patches,
 )
+from dg_localization.solver.place.hypotheses import lazy_hypotheses_of
 from dg_localization.solver.problem import Problem, points_of
+from dg_localization.solver.result import Hypothesis, Statistics
+from dg_localization.solver.search.branch_and_prune import Paving
 from dg_localization.solver.search.budget import Budget
+from dg_localization.solver.search.search import search
+
+PARTS_PER_TASK = 16
+"""Parts of a task: enough that handing them over takes less time than they do."""
+
+LOOK_S = 0.02
+"""How long to wait for a task before looking whether the call was cancelled."""
+
+
+@dataclass(frozen=True)
+class Subproblem:
+    """A part of a problem."""
+
+    problem: Problem | None  # None where its bounds contradict each other
+    within: Sequence[Bounds] | None
+    all_or_nothing: bool = False  # a cover with boxes that were not examined is of no use
+
+
+@dataclass(frozen=True)
+class SolvedSubproblem:
+    """The cover of a part, the effort, and the hypotheses that the cover makes."""
+
+    cover: Paving
+    statistics: Statistics
+    hypotheses: Sequence[Hypothesis]
+
+
+def solve_subproblem(part: Subproblem, budget: Budget) -> SolvedSubproblem:
+    """Solve one part."""
+    if part.problem is None:
+        return SolvedSubproblem(Paving(), Statistics(), ())
+    # One box at a time, so that no answer depends on the processors of a worker.
+    cover = search(part.problem, budget, part.within, all_or_nothing=part.all_or_nothing)
+    statistics = cover.statistics(len(cover.pending), budget.seconds())
+    if part.all_or_nothing and cover.pending:
+        return SolvedSubproblem(cover, statistics, ())
+    hypotheses = lazy_hypotheses_of(part.problem, cover.kept + cover.pending)
+    return SolvedSubproblem(cover, statistics, hypotheses)
+
+
+def solve_subproblems(
+    parts: Iterable[Subproblem],
+    budget: Budget,
+    most_boxes: int,
+    stopped: Callable[[], bool],
+) -> Iterator[SolvedSubproblem]:
+    """Solve independent parts, in their order and with all that is left of a budget."""
+
+    def solved_here(part: Subproblem) -> SolvedSubproblem:
+        solved = solve_subproblem(part, budget.part(1.0, most_boxes))
+        budget.spend(solved.statistics)
+        return solved
+
+    if budget.executor is None:
+        for part in parts:
+            if stopped():
+                return
+            yield solved_here(part)
+        return
+    limits = budget.part(1.0, most_boxes)
+    for part, solved in _solved_by_workers(budget.executor, parts, limits, stopped):
+        if budget.boxes_left() < limits.options.max_boxes:
+            # This process would have given it fewer boxes.
+            solved = solved_here(part)
+        else:
+            budget.spend(solved.statistics)
+            budget.report(Statistics())
+        yield solved
+
+
+@default_environment()
+def _solve_batch(parts: Sequence[Subproblem], options: SolverOptions) -> list[SolvedSubproblem]:
+    """Solve parts one after another, in a worker; those that there is time for."""
+    budget = Budget(options)
+    solved: list[SolvedSubproblem] = []
+    for part in parts:
+        if budget.is_over():
+            break
+        solved.append(solve_subproblem(part, Budget(budget.remaining())))
+    return solved
+
+
+def _solved_by_workers(
+    executor: Executor,
+    parts: Iterable[Subproblem],
+    limits: Budget,
+    stopped: Callable[[], bool],
+) -> Iterator[tuple[Subproblem, SolvedSubproblem]]:
+    """Solve parts in the workers of an executor, each within the same limits."""
+    waiting: list[tuple[list[Subproblem], Future[list[SolvedSubproblem]]]] = []
+    left = iter(parts)
+    try:
+        while not stopped() and (batch := list(islice(left, PARTS_PER_TASK))):
+            waiting.append((batch, executor.submit(_solve_batch, batch, limits.remaining())))
+        for batch, future in waiting:
+            solved = _wait_for(future, stopped)
+            yield from zip(batch, solved, strict=False)
+            if len(solved) < len(batch):
+                return
+    finally:
+        for _, future in waiting:
+            future.cancel()
+
+
+def _wait_for(
+    future: Future[list[SolvedSubproblem]], stopped: Callable[[], bool]
+) -> list[SolvedSubproblem]:
+    """Return the result of a task, nothing when there is no time left to wait for it."""
+    while True:
+        try:
+            return future.result(timeout=LOOK_S)
+        except TimeoutError:
+            if future.done():
+                # The wait was over, or the task itself raised this.
+                return future.result()
+            if stopped():
+                return []
+
 
 MOST_WHOLE = 16
 """A piece of more points is solved in patches, in the plane."""
 
 MOST_PATCH_BOXES = 200
 MOST_SEAM_BOXES = 40
-MOST_REVIEW_BOXES = 12
 """One patch may take this many boxes; those that come later are given up where they take more."""
-
-REVIEW_POINTS = 14
-"""Most points of a patch that looks again at what another one leaves open."""
 
 
 @dataclass
@@ -80,43 +202,38 @@ class PatchSolver:
         budget: Budget,
         share: float,
         within: Sequence[Bounds] | None,
-        is_reviewed: bool,
     ) -> None:
         self._problem = problem
         self._budget = budget
         self._within = within
         self._is_over = budget.has_passed(share)
-        self._is_reviewed = is_reviewed
         self._pairs: list[Pair] = [(i, j) for i, j in problem.pairs.measured.tolist()]
         self._tried: set[Points] = set()
-        self._measured = Neighborhoods(problem.n_points, self._pairs, problem.dimension)
 
     def run(self) -> SolvedPatches | None:
         """Return the solved patches, None where no neighborhood is rigid."""
-        q = self._problem.dimension
+        q, n_points = self._problem.dimension, self._problem.n_points
         if q != 2:
             # In space few neighborhoods of so few points are rigid.
             return None
         seeds = [tuple(sorted(points_of(constraint))) for constraint in self._problem.constraints]
-        is_over = self._is_over
-        chosen = covering_patches(self._measured, self._pairs, seeds, PATCH_POINTS, is_over)
-        n_unsolved = int(is_over())
+        graph = Neighborhoods(n_points, self._pairs, q)
+        chosen = covering_patches(graph, self._pairs, seeds, PATCH_POINTS, self._is_over)
+        n_unsolved = int(self._is_over())
         if max(map(len, chosen), default=0) <= q + 1 and not n_unsolved:
             return None
         patches = list(self._solved(chosen, None, MOST_PATCH_BOXES))
         n_unsolved += len(chosen) - len(patches)
-        known, empty = self._narrowed(patches)
-        bodies = self._bodies(patches)
-        while empty is None and not self._is_over():
-            new = list(self._further(known, patches, bodies))
-            if not new:
-                break
-            patches += new
-            bodies = self._bodies(patches)
+        while True:
             known, empty = self._narrowed(patches)
-        if empty is not None:
-            return SolvedPatches([empty], known)
-        return SolvedPatches(patches, known, self._hold_together(bodies), n_unsolved)
+            if empty is not None:
+                return SolvedPatches([empty], known)
+            bodies = bodies_of([patch.points for patch in patches], q)
+            is_one_body = bool(bodies) and len(bodies[0]) == n_points
+            new = [] if is_one_body or self._is_over() else self._across_seams(known, bodies)
+            if not new:
+                return SolvedPatches(patches, known, is_one_body, n_unsolved)
+            patches += new
 
     def _solved(
         self,
@@ -126,18 +243,18 @@ class PatchSolver:
         all_or_nothing: bool = False,
     ) -> Iterator[Patch]:
         """Solve patches within what is known of their pairs, while there is time."""
-        parts = (replace(self._part(p, known), all_or_nothing=all_or_nothing) for p in chosen)
+        parts = (
+            Subproblem(
+                restricted(self._problem, points, known.among(points) if known else None),
+                restricted_boxes(self._within, points),
+                all_or_nothing,
+            )
+            for points in chosen
+        )
         solved = solve_subproblems(parts, self._budget, most_boxes, self._is_over)
         for points, found in zip(chosen, solved, strict=False):
             pending = {box[: UPPER + 1].tobytes() for box in found.cover.pending}
             yield Patch(points, list(found.hypotheses), pending)
-
-    def _part(self, points: Points, known: KnownPairs | None) -> Subproblem:
-        """Return the problem of a patch, within what is known of its pairs."""
-        bounds = known.among(points) if known else None
-        problem = restricted(self._problem, points, bounds)
-        within = restricted_boxes(self._within, points)
-        return Subproblem(problem, within)
 
     def _narrowed(self, patches: Sequence[Patch]) -> tuple[KnownPairs, Patch | None]:
         """Return the pairs of all patches, and a patch that is left without a hypothesis."""
@@ -151,40 +268,13 @@ class PatchSolver:
             if self._is_over() or not ambiguities.drop_unmatched():
                 return known, None
 
-    def _bodies(self, patches: Sequence[Patch]) -> list[set[int]]:
-        """Return what the patches make together, the largest first."""
-        return bodies_of([patch.points for patch in patches], self._problem.dimension)
-
-    def _further(
-        self, known: KnownPairs, patches: Sequence[Patch], bodies: Sequence[set[int]]
-    ) -> Iterator[Patch]:
-        """Yield patches across the seams between bodies, and about what is open."""
+    def _across_seams(self, known: KnownPairs, bodies: Sequence[set[int]]) -> list[Patch]:
+        """Return patches across the seams between bodies that were not tried before."""
         q = self._problem.dimension
         graph = Neighborhoods(self._problem.n_points, map(tuple, known.pairs.tolist()), q)
-        is_open = not self._hold_together(bodies) and not self._is_over()
-        seams = seam_patches(graph, bodies, q, self._is_over) if is_open else []
-        reviews = [
-            self._review(patch, graph)
-            for patch in patches
-            if self._is_reviewed and patch.left.sum() > 1 and not self._is_over()
-        ]
-        for chosen, most in ((seams, MOST_SEAM_BOXES), (reviews, MOST_REVIEW_BOXES)):
-            new = [points for points in dict.fromkeys(chosen) if points not in self._tried]
-            self._tried.update(new)
-            solved = self._solved([*filter(None, new)], known, most, all_or_nothing=True)
-            # One that takes many boxes is worth nothing, and nothing depends on it.
-            yield from (patch for patch in solved if not patch.pending)
-
-    def _hold_together(self, bodies: Sequence[set[int]]) -> bool:
-        """Return whether one body has all points."""
-        return bool(bodies) and len(bodies[0]) == self._problem.n_points
-
-    def _review(self, patch: Patch, graph: Neighborhoods) -> Points:
-        """Return a patch and all that its most open point measures, or nothing."""
-        lengths = np.array([np.sqrt(h.lower) + np.sqrt(h.upper) for h in patch.remaining()])
-        # Its distances differ most between the hypotheses of the patch.
-        point = patch.points[int(np.argmax(np.ptp(lengths, axis=0).sum(axis=0)))]
-        seed = self._measured.neighbors[point].union(patch.points)
-        if not len(patch.points) < len(seed) <= REVIEW_POINTS:
-            return ()
-        return graph.rigid_part(graph.grown(seed, REVIEW_POINTS), patch.points)
+        seams = seam_patches(graph, bodies, q, self._is_over)
+        new = [points for points in dict.fromkeys(seams) if points not in self._tried]
+        self._tried.update(new)
+        solved = self._solved(new, known, MOST_SEAM_BOXES, all_or_nothing=True)
+        # One that takes many boxes is worth nothing, and nothing depends on it.
+        return [patch for patch in solved if not patch.pending]

@@ -185,10 +185,6 @@ def _may_lie_in(box: FloatArray, near: Interval) -> bool:
 
 def _all_have_sides(near: Interval, problem: Problem) -> bool:
     """Return whether all placements within some bounds have the sides and chiralities."""
-    if not (problem.sides or problem.chiralities):
-        return True
-    if problem.dimension == 1:
-        return False
 
     def sign(*points: int) -> int:
         corners = near[np.array(points)]

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from functools import cached_property
+from functools import cached_property, partial
 import math
 from typing import TypeAlias
 
@@ -15,10 +15,10 @@ import numpy as np
 from dg_localization.interval.environment import default_environment
 from dg_localization.interval.kernels import until
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, component_hulls, sub_box
+from dg_localization.solver.decompose.rigid_components import is_flexible
 from dg_localization.solver.place.existence import has_exact_pairs, settled
 from dg_localization.solver.place.placements import MOST_STEPS, place, scaled, sought
 from dg_localization.solver.place.proofs import with_known_chirality
-from dg_localization.solver.place.rigidity import is_flexible
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
 
@@ -178,14 +178,12 @@ class LazyHypothesis(Hypothesis):
     What it is made of is not its fields: `dataclasses.replace` cannot copy it.
     """
 
-    def _seek(self) -> Placement:
-        """Return a placement, and whether it is proved to agree."""
-        raise NotImplementedError
+    _seek: Callable[[], Placement] | None
 
     @cached_property
     @default_environment()
     def _placed(self) -> Placement:
-        return self._seek()
+        return self._seek() if self._seek else (None, False)
 
     @property
     def positions(self) -> FloatArray | None:
@@ -202,16 +200,13 @@ class LazyHypothesisOfBoxes(LazyHypothesis):
     """A hypothesis of a part of a problem, whose placement is seldom asked for."""
 
     _problem: Problem
-    _inside: list[FloatArray]
 
     def __init__(self, problem: Problem, hull: FloatArray, inside: list[FloatArray]) -> None:
         # The base class is frozen.
         boxes = np.array([box[: UPPER + 1] for box in inside])
         values = {'lower': hull[LOWER], 'upper': hull[UPPER], 'boxes': boxes}
-        self.__dict__.update(values, _problem=problem, _inside=inside)
-
-    def _seek(self) -> Placement:
-        return placement_in(self._problem, self._inside, [], never)
+        seek = partial(placement_in, problem, inside, [], never)
+        self.__dict__.update(values, _problem=problem, _seek=seek)
 
     @cached_property
     @default_environment()

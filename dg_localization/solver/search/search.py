@@ -5,18 +5,114 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from dg_localization.solver.box import LOWER, UPPER, FloatArray, Status
-from dg_localization.solver.contract.fixed_point import Pruned
-from dg_localization.solver.contract.triangles import smooth_triangles
+from dg_localization.interval.kernels import until
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, Status
+from dg_localization.solver.contract.fixed_point import Contractor, Pruned
+from dg_localization.solver.place.hypotheses import place_problem
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Statistics
-from dg_localization.solver.search.branch_and_prune import Paving, Pruner, pave, split
+from dg_localization.solver.search.branch_and_prune import Paving, pave, split
 from dg_localization.solver.search.budget import Budget
-from dg_localization.solver.search.tightening import tighten
+
+WELL_EXPLAINED = 0.01
+"""An interval this close to the first-order effect of the errors, relatively, is left alone."""
+
+CLOSED_WIDTH = 1.05
+"""A pair is closed below this width, over what its linear program explains."""
+
+LEAST_GAIN = 0.1
+MOST_IDLE_FRAMES = 10
+"""There are no more frames after this many in a row that shorten no interval by this fraction."""
+
+
+class _Frames:
+    """The unexplained pairs of a box, and what linear programs have explained of them so far."""
+
+    def __init__(self, box: FloatArray, pairs: IntArray) -> None:
+        self._box = box
+        self._pairs = pairs
+        self._explained = np.zeros(len(pairs))
+        self._was_axis = np.zeros(len(pairs), dtype=np.bool_)
+
+    def next_frame(self) -> IntArray | None:
+        """Return the numbers of the pairs for the next frame, its axis first; None at the end."""
+        width = self._widths()
+        excess = np.full(len(width), np.inf)
+        np.divide(width, self._explained, out=excess, where=self._explained > 0.0)
+        is_open = excess > CLOSED_WIDTH
+        candidates = np.flatnonzero(is_open & ~self._was_axis)
+        if not len(candidates):
+            return None
+        axis = candidates[np.lexsort((width[candidates], excess[candidates]))[-1]]
+        self._was_axis[axis] = True
+        meets = np.isin(self._pairs, self._pairs[axis]).any(axis=1)
+        others = np.flatnonzero(is_open & meets)
+        return np.concatenate([[axis], others[others != axis]])
+
+    def narrow(
+        self, contractor: Contractor, positions: FloatArray, chosen: IntArray
+    ) -> float | None:
+        """Narrow some pairs; return the largest relative gain, None when the box is empty."""
+        before = self._widths()[chosen]
+        explained = np.zeros(len(chosen))
+        if not contractor.narrow_in_frame(self._box, positions, self._pairs[chosen], explained):
+            return None
+        known = self._explained[chosen]
+        least = np.where(known > 0.0, np.minimum(known, explained), explained)
+        self._explained[chosen] = np.where(explained > 0.0, least, known)
+        gains = np.zeros(len(chosen))
+        np.divide(before - self._widths()[chosen], before, out=gains, where=before > 0.0)
+        return float(gains.max())
+
+    def _widths(self) -> FloatArray:
+        rows, columns = self._pairs.T
+        return np.asarray(self._box[UPPER, rows, columns] - self._box[LOWER, rows, columns])
+
+
+def _unexplained_pairs(problem: Problem, pruned: Pruned) -> IntArray:
+    """
+    Return the unknown pairs whose width the errors do not explain, the widest first.
+
+    To first order the explained width is that of the exact hull. An interval that is narrower, as
+    well as a wider one, shows that effects of higher order matter.
+    """
+    known = np.isinf(problem.upper) & (pruned.explained > 0.0)
+    width = pruned.box[UPPER] - pruned.box[LOWER]
+    excess = np.divide(width, pruned.explained, out=np.ones_like(width), where=known)
+    pairs = np.argwhere(np.triu(np.abs(excess - 1.0) > WELL_EXPLAINED))
+    return pairs[np.argsort(-excess[tuple(pairs.T)], kind='stable')]
+
+
+def tighten(
+    contractor: Contractor, box: FloatArray, stopped: Callable[[], bool]
+) -> FloatArray | None:
+    """Return a finished box narrowed by linear programs, None where they prove it empty."""
+    if stopped():
+        return box
+    # Contraction also returns which widths the errors explain.
+    pruned = contractor.contract(box, stopped)
+    if pruned.status is Status.EMPTY:
+        return None
+    pairs = _unexplained_pairs(contractor.problem, pruned)
+    if pruned.status is Status.UNFINISHED or not len(pairs):
+        return pruned.box
+    positions = place_problem(contractor.problem, pruned.box)
+    frames = _Frames(pruned.box, pairs)
+    n_idle = 0
+    with until(stopped):
+        while n_idle < MOST_IDLE_FRAMES and not stopped():
+            chosen = frames.next_frame()
+            if chosen is None:
+                break
+            gain = frames.narrow(contractor, positions, chosen)
+            if gain is None:
+                return None
+            n_idle = n_idle + 1 if gain < LEAST_GAIN else 0
+    return pruned.box
 
 
 def search(
@@ -27,22 +123,20 @@ def search(
     all_or_nothing: bool = False,
 ) -> Paving:
     """Cover all placements of a problem by boxes."""
-    if _is_convex(problem):
-        return _cover_by_triangles(problem, within, budget)
-    resolution_m = budget.options.resolution
-    pruner = Pruner(problem, resolution_m)
-    whole = pruner.whole()
+    resolution_m, is_convex = budget.options.resolution, _is_convex(problem)
+    contractor = Contractor(problem, resolution_m)
+    whole = contractor.whole()
     if whole is None:
         return Paving(empty=1)
     cover = pave(
         [whole] if within is None else _common_parts(whole, within),
-        lambda box: pruner.prune(box, budget.is_over),
-        lambda pruned: split(pruned, resolution_m, at_gaps),
+        lambda box: contractor.contract(box, budget.is_over),
+        lambda pruned: [] if is_convex else split(pruned, resolution_m, at_gaps),
         budget,
         all_or_nothing,
     )
     if not cover.pending:
-        tightened = [tighten(pruner, box, budget.leaves_wide) for box in cover.kept]
+        tightened = [tighten(contractor, box, budget.leaves_wide) for box in cover.kept]
         left = [box for box in tightened if box is not None]
         cover.empty += len(cover.kept) - len(left)
         cover.kept = left
@@ -87,30 +181,11 @@ def _is_convex(problem: Problem) -> bool:
     Return whether the distances of the placements in any box are a convex set.
 
     Those of three points obey the triangle inequalities and nothing else, in the plane and in
-    space. These give the hull of the set, and parts of it would be parts of one hypothesis. One
+    space. Parts of the set would be parts of one hypothesis, and it is not split. One
     chirality only chooses between mirror images; two may leave flat triangles alone.
     """
     most_points = 2 if problem.dimension == 1 else 3
     return problem.n_points <= most_points and len(problem.chiralities) < 2
-
-
-def _cover_by_triangles(
-    problem: Problem,
-    within: Sequence[tuple[FloatArray, FloatArray]] | None,
-    budget: Budget,
-) -> Paving:
-    """Cover the placements of a convex problem by a box, or by one in each of some boxes."""
-
-    def smoothed(box: FloatArray) -> Pruned:
-        is_left = smooth_triangles(box, np.empty_like(box), np.arange(problem.n_points))
-        status = Status.CONTRACTED if is_left else Status.EMPTY
-        return Pruned(status, box, np.zeros(box.shape[1:]))
-
-    whole = np.array([problem.lower, problem.upper, *np.zeros((2, *problem.lower.shape))])
-    if smoothed(whole).status is Status.EMPTY:
-        return Paving(empty=1)
-    starts = [whole] if within is None else _common_parts(whole, within)
-    return pave(starts, smoothed, lambda _: [], budget)
 
 
 def _common_parts(
