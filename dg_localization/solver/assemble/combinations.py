@@ -57,17 +57,11 @@ class PieceLink:
     second: int
     site: Site | None = None
     allowed: dict[tuple[int, int], tuple[Side, ...]] = field(default_factory=dict)
-    closes_loop: bool = False  # it only rules out what other links allow
 
     @property
     def number(self) -> int:
         """The number of its site, -1 without one."""
         return self.site.number if self.site else -1
-
-    def is_free(self, n_pairs: int) -> bool:
-        """Return whether all of a number of pairs of hypotheses go together, on any side."""
-        is_open = all(sides in (FREE, EITHER) for sides in self.allowed.values())
-        return is_open and len(self.allowed) == n_pairs
 
 
 @dataclass
@@ -160,9 +154,9 @@ class Combinations:
         """Choose a forest of links, those of sites first, and an order from its roots on."""
         tree = list(range(len(self.left)))
         neighbors: list[list[tuple[int, PieceLink]]] = [[] for _ in self.left]
-        for link in sorted(links, key=lambda k: (k.closes_loop, k.site is None)):
+        for link in sorted(links, key=lambda k: k.site is None):
             first, second = tree[link.first], tree[link.second]
-            if first == second or link.closes_loop:
+            if first == second:
                 self._is_forest = False
                 continue
             tree = [first if root == second else root for root in tree]

@@ -14,7 +14,6 @@ chiralities and least distances between the two may rule out either side.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import combinations
 
 import numpy as np
 
@@ -26,7 +25,6 @@ from dg_localization.solver.assemble.combinations import (
     PieceLink,
     Site,
 )
-from dg_localization.solver.assemble.faces import apex_of, best_apex
 from dg_localization.solver.assemble.solved_pieces import SolvedPiece, SolvedPieces
 from dg_localization.solver.assemble.subproblem import (
     MOST_CONTRACTED,
@@ -36,17 +34,20 @@ from dg_localization.solver.assemble.subproblem import (
     restricted,
     restricted_boxes,
 )
+from dg_localization.solver.box import FloatArray
+from dg_localization.solver.contract.sides import farthest_apex
 from dg_localization.solver.decompose.graph import BoolArray, Pair, Points, pairs_of
+from dg_localization.solver.decompose.rigid_components import RANK_TOLERANCE
 from dg_localization.solver.problem import Chirality, Problem, Side, SideConstraint, points_of
-from dg_localization.solver.result import Joint, JointKind
+from dg_localization.solver.result import Hypothesis, Joint, JointKind
 from dg_localization.solver.search.budget import Budget
 
 MOST_PAIRS = 4096
 """Pieces with more pairs of hypotheses than this are not compared: all of them go together."""
 
-MOST_COMPARED = 64
-"""Up to this many pairs of the pieces of one joint are compared by contraction; of more, each with
-the first alone."""
+
+LARGE, MOST_APEXES = 40, 8
+"""In a piece of more than `LARGE` points, `MOST_APEXES` about a face are looked at."""
 
 
 class Linker:
@@ -157,22 +158,14 @@ class Linker:
         return left is not None and best_apex(left, points, face, [apex]) is not None
 
     def _add_links(self, network: Network, members: Sequence[int], site: Site | None) -> None:
-        """Link the pieces of a joint or site: each with the first, and others that disagree."""
+        """Link the pieces of a joint or site, each with the first."""
         hub = members[0]
-        is_compared = len(members) * (len(members) - 1) // 2 <= MOST_COMPARED
-        for first, second in combinations(members, 2):
+        for other in members[1:]:
             if self._budget.is_overdue():
                 return
-            if first != hub and not is_compared:
-                break
-            link = self._link(first, second, site, first == hub)
-            if link is None:
-                continue
-            if first != hub:
-                if link.is_free(self._n(first) * self._n(second)):
-                    continue
-                link.closes_loop = True
-            network.links.append(link)
+            link = self._link(hub, other, site)
+            if link is not None:
+                network.links.append(link)
         if site and sum(site.n_certain(x) > 0 for x in members) > 2:
             if site.n_certain(hub) < self._n(hub):
                 network.is_exact = False
@@ -202,14 +195,12 @@ class Linker:
     def _n(self, piece: int) -> int:
         return len(self._pieces[piece].hypotheses)
 
-    def _link(
-        self, first: int, second: int, site: Site | None, is_contracted: bool
-    ) -> PieceLink | None:
+    def _link(self, first: int, second: int, site: Site | None) -> PieceLink | None:
         """Return what two pieces allow each other; None where that is everything."""
         pieces = self._pieces[first], self._pieces[second]
         if self._n(first) * self._n(second) > MOST_PAIRS:
             return None
-        is_between = is_contracted and self._is_between(*pieces)
+        is_between = self._is_between(*pieces)
         together = _agreeing(pieces)
         if site is None and not is_between and together.all():
             return None
@@ -307,3 +298,44 @@ def _agreeing(pieces: tuple[SolvedPiece, SolvedPiece]) -> BoolArray:
         together &= first[:, None, 0] <= second[None, :, 1]
         together &= second[None, :, 0] <= first[:, None, 1]
     return together
+
+
+def is_degenerate(corners: FloatArray, least_m: float = 0.0) -> bool:
+    """
+    Return whether the corners of a face, shape (q, q) in m, span no hyperplane: pieces can turn.
+
+    A face that is less than `least_m` wide counts as one.
+    """
+    spans_m = np.linalg.svd(corners[1:] - corners[0], compute_uv=False)
+    least_m = max(least_m, RANK_TOLERANCE * spans_m.max(initial=0.0))
+    return bool((spans_m <= least_m).any())
+
+
+def best_apex(bounds: Bounds, points: Points, face: Points, others: list[int]) -> int | None:
+    """Return which of some points is farthest off the hyperplane of a face, None where none is."""
+    place = {point: x for x, point in enumerate(points)}
+    corners, apexes = ([place[point] for point in some] for some in (face, others))
+    best = int(
+        farthest_apex(np.array(bounds), np.array(corners), np.array(apexes, dtype=np.int64))
+    )
+    return points[best] if best >= 0 else None
+
+
+def apex_of(
+    points: Points, hypothesis: Hypothesis, face: Points, guide: Hypothesis | None = None
+) -> int | None:
+    """Return a point of a piece that is off the hyperplane of a face in every placement."""
+    others = [point for point in points if point not in face]
+    if len(points) > LARGE:
+        positions = (guide or hypothesis).positions
+        if positions is None:
+            return None
+        place = {point: x for x, point in enumerate(points)}
+        center = positions[[place[point] for point in face]].mean(axis=0)
+        away = ((positions[[place[point] for point in others]] - center) ** 2).sum(axis=1)
+        others = [others[x] for x in np.argsort(away)[:MOST_APEXES]]
+        points = (*face, *others)
+        bounds = hypothesis.bounds_among([place[point] for point in points])
+    else:
+        bounds = hypothesis.lower, hypothesis.upper
+    return best_apex(bounds, points, face, others)

@@ -21,7 +21,6 @@ import math
 import numpy as np
 
 from dg_localization.interval.kernels import WORK_PER_LOOK, until
-from dg_localization.solver.assemble.faces import is_degenerate
 from dg_localization.solver.assemble.growing import is_grown, solve_grown
 from dg_localization.solver.assemble.product import Product
 from dg_localization.solver.assemble.solved_pieces import (
@@ -44,7 +43,7 @@ from dg_localization.solver.assemble.subproblem import (
 )
 from dg_localization.solver.box import LOWER, UPPER
 from dg_localization.solver.decompose.decomposition import Decomposition
-from dg_localization.solver.decompose.graph import Points, pairs_of
+from dg_localization.solver.decompose.graph import pairs_of
 from dg_localization.solver.patches.answers import PatchAnswers
 from dg_localization.solver.patches.solver import MOST_WHOLE, PatchSolver
 from dg_localization.solver.place.hypotheses import hypotheses_of
@@ -156,8 +155,8 @@ class PieceSolver:
         for piece in self._resumed():
             if not piece.hypotheses:
                 return SolvedPieces(contradiction=piece.points)
-        answer = SolvedPieces(list(dict.fromkeys(self._solved.values())))
-        place = {n: answer.pieces.index(piece) for n, piece in self._solved.items()}
+        answer = SolvedPieces(list(self._solved.values()))
+        place = {number: x for x, number in enumerate(self._solved)}
         for joint in self._joints:
             numbers = {place[number] for number in joint.pieces if number in place}
             if len(numbers) > 1:
@@ -190,51 +189,18 @@ class PieceSolver:
         return self._share_of_all * FIRST_SHARE / (len(self._points) - number)
 
     def _solve(self, number: int) -> None:
-        """Solve a piece, with those that turn about it, for all that earlier pieces say of it."""
+        """Solve a piece for all that earlier pieces say of it."""
         share = self._share(number)
-        numbers = [number, *self._turning_about(number)]
-        points = {point for n in numbers for point in self._points[n]}
-        piece = SolvedPiece(tuple(sorted(points)))
-        given = self._given(numbers)
+        piece = SolvedPiece(self._points[number])
+        given = self._given(number)
         within = restricted_boxes(self._within, piece.points)
         for x, bounds in enumerate(given):
             problem = restricted(self._problem, piece.points, bounds)
             if problem is not None:
-                # What is merged may be the problem that these are the parts of.
-                search = search_together if len(numbers) > 1 else search_piece
                 part = share / (len(given) - x)
-                piece.searches.append(search(problem, self._budget, part, within))
+                piece.searches.append(search_piece(problem, self._budget, part, within))
         piece.gather(self._budget.is_overdue)
-        self._solved.update(dict.fromkeys(numbers, piece))
-
-    def _turning_about(self, number: int) -> list[int]:
-        """
-        Return the solved pieces that share a face with a piece which spans no hyperplane.
-
-        What the graph takes for a reflection is a flex: they are solved again, as one.
-        """
-        turning: set[SolvedPiece] = set()
-        for joint in self._joints_of[number]:
-            for piece in {self._solved[n] for n in joint.pieces if n in self._solved}:
-                if joint.kind is JointKind.REFLECTION and self._turns(piece, joint.points):
-                    turning.add(piece)
-        return [n for n, piece in self._solved.items() if piece in turning]
-
-    def _turns(self, piece: SolvedPiece, face: Points) -> bool:
-        """Return whether a piece can turn about a face in one of its hypotheses."""
-        if not piece.is_finished or len(face) < 2 or self._budget.is_over():
-            return False
-        width_m = self._budget.options.resolution
-        rows = [piece.points.index(point) for point in face]
-        # What was solved in patches is placed once for all; each other place takes long.
-        most = len(piece.hypotheses) if len(piece.points) <= MOST_CONTRACTED else 1
-        for hypothesis in piece.hypotheses[:most]:
-            if len(face) == 2 and hypothesis.bounds_of_pair(rows[0], rows[1])[0] > width_m**2:
-                continue
-            positions = hypothesis.positions
-            if positions is not None and is_degenerate(positions[rows], width_m):
-                return True
-        return False
+        self._solved[number] = piece
 
     def _resumed(self) -> Iterator[SolvedPiece]:
         """Go on with the pieces that were not finished, small ones first."""
@@ -252,22 +218,19 @@ class PieceSolver:
             piece.gather(self._budget.is_overdue)
             yield piece
 
-    def _given(self, numbers: Sequence[int]) -> list[Ranges]:
-        """Return the bounds that other pieces put on pairs of some which nothing measured."""
+    def _given(self, number: int) -> list[Ranges]:
+        """Return the bounds that earlier pieces put on pairs of one which nothing measured."""
         choices: list[list[Ranges]] = []
-        for joint in (joint for number in numbers for joint in self._joints_of[number]):
-            known = self._problem.pairs
+        for joint in self._joints_of[number]:
             face = pairs_of(joint.points)
             ends = np.array(face, dtype=np.int64).reshape(-1, 2).T
-            upper = known.of(*ends)[1]
+            upper = self._problem.pairs.of(*ends)[1]
             pairs = [pair for pair, high in zip(face, upper, strict=True) if math.isinf(high)]
-            others = [self._solved[x] for x in joint.pieces if x in self._solved.keys() - numbers]
-            holder = others[0] if others else None
-            if pairs and holder is not None:
-                choices.append(holder.ranges_of(pairs))
+            others = [self._solved[x] for x in joint.pieces if x in self._solved]
+            if pairs and others:
+                choices.append(others[0].ranges_of(pairs))
         # The patches of a large piece hold all placements at once.
-        is_large = any(len(self._points[number]) > MOST_CONTRACTED for number in numbers)
-        most = 1 if is_large else MOST_RANGES
+        most = 1 if len(self._points[number]) > MOST_CONTRACTED else MOST_RANGES
         while math.prod(len(ranges) for ranges in choices) > most:
             longest = max(range(len(choices)), key=lambda x: len(choices[x]))
             choices[longest] = [hull_of_ranges(choices[longest])]

@@ -15,8 +15,7 @@ import numpy as np
 from dg_localization.interval.environment import default_environment
 from dg_localization.solver.assemble.assembly import Assembly
 from dg_localization.solver.assemble.combinations import Combination, Combinations, Network
-from dg_localization.solver.assemble.faces import is_degenerate
-from dg_localization.solver.assemble.links import Linker, crossing_pairs
+from dg_localization.solver.assemble.links import Linker, crossing_pairs, is_degenerate
 from dg_localization.solver.assemble.solved_pieces import SolvedPieces
 from dg_localization.solver.assemble.subproblem import (
     MOST_CONTRACTED,

@@ -161,6 +161,49 @@ def volume_product(box: FloatArray, p: IntArray, q: IntArray) -> tuple[float, fl
     return low, high
 
 
+@kernel
+def _least_volume(box: FloatArray, simplex: IntArray) -> float:
+    """
+    Return a lower bound of det[p2 - p1, ...]^2 of a simplex over a box.
+
+    The square is a Cayley-Menger determinant, concave in every squared distance: the coefficient
+    of its square is minus that of a smaller one. So it is least at a corner of the box.
+    """
+    size = len(simplex)
+    points = np.arange(size)
+    corner = np.zeros((2, size, size))
+    n_pairs = size * (size - 1) // 2
+    least = np.inf
+    for number in range(1 << n_pairs):
+        pair = 0
+        for x in range(size):
+            for y in range(x + 1, size):
+                end = UPPER if number >> pair & 1 else LOWER
+                value = box[end, simplex[x], simplex[y]]
+                if np.isinf(value):
+                    return -np.inf
+                corner[:, x, y] = value
+                corner[:, y, x] = value
+                pair += 1
+        least = min(least, volume_product(corner, points, points)[0])
+    return least
+
+
+@kernel
+def farthest_apex(box: FloatArray, face: IntArray, others: IntArray) -> int:
+    """Return the point of `others` farthest from a hyperplane for certain, -1 without one."""
+    best = -1
+    farthest = 0.0
+    simplex = np.empty(len(face) + 1, dtype=np.int64)
+    simplex[:-1] = face
+    for point in others:
+        simplex[-1] = point
+        volume = _least_volume(box, simplex)
+        if volume > farthest:
+            best, farthest = point, volume
+    return best
+
+
 def chiralities_are_possible(box: FloatArray, chiralities: Sequence[Chirality]) -> bool:
     """
     Return whether chiralities may hold together in a box; False is a proof that they do not.

@@ -5,8 +5,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from dg_localization.interval.kernels import kernel
@@ -39,37 +37,26 @@ def relative_error(box: FloatArray, i: int, j: int) -> float:
     return 1.0 - box[LOWER, i, j] / max(box[UPPER, i, j], 1e-300)
 
 
-@kernel(borrows=True)
 def excess(
-    box: FloatArray, explained: FloatArray, factor: float, resolution_m: float, i: int, j: int
-) -> float:
-    """Return the width of a pair as a multiple of what is allowed; 0 where it is unbounded."""
-    low, high = box[LOWER, i, j], box[UPPER, i, j]
-    if np.isinf(high):
-        return 0.0
-    if explained[i, j] > 0.0:
-        middle_m = math.sqrt(0.5 * (low + high))
-        return (high - low) / (factor * explained[i, j] + resolution_m * 2.0 * middle_m)
-    return (math.sqrt(high) - math.sqrt(low)) / resolution_m
+    box: FloatArray, explained: FloatArray, factor: float, resolution_m: float
+) -> FloatArray:
+    """Return the widths of pairs as multiples of what is allowed; 0 where they are unbounded."""
+    low, high = box[LOWER], box[UPPER]
+    with np.errstate(invalid='ignore', over='ignore'):
+        middle_m = np.sqrt(0.5 * low + 0.5 * high)
+        of_explained = (high - low) / (factor * explained + resolution_m * 2.0 * middle_m)
+        of_others = (np.sqrt(high) - np.sqrt(low)) / resolution_m
+    times = np.where(explained > 0.0, of_explained, of_others)
+    return np.where(high < np.inf, times, 0.0)
 
 
-@kernel(borrows=True)
 def is_finished(
     box: FloatArray, explained: FloatArray, factor: float, resolution_m: float
 ) -> bool:
     """Return whether a box is narrower than the resolution or no wider than the errors explain."""
-    n_points = box.shape[1]
-    is_narrow = is_explained = True
-    for i in range(n_points):
-        for j in range(i + 1, n_points):
-            upper = box[UPPER, i, j]
-            if upper < np.inf and math.sqrt(upper) - math.sqrt(box[LOWER, i, j]) > resolution_m:
-                is_narrow = False
-            if excess(box, explained, factor, resolution_m, i, j) > 1.0:
-                is_explained = False
-            if not (is_narrow or is_explained):
-                return False
-    return True
+    upper = box[UPPER]
+    width_m = np.max(np.sqrt(upper) - np.sqrt(box[LOWER]), where=upper < np.inf, initial=0.0)
+    return bool(width_m <= resolution_m or excess(box, explained, factor, resolution_m).max() <= 1)
 
 
 def widest_gap_m(box: FloatArray) -> float:

@@ -29,7 +29,7 @@ from dg_localization.solver.place.placements import (
     MARGIN,
     QUICK,
     refined,
-    scaled_by_pivots,
+    scaled,
     sought,
 )
 from dg_localization.solver.place.proofs import pairs_lie_within, with_known_chirality
@@ -201,7 +201,7 @@ class PatchAnswers:
         pivots, lengths_m = chains.pivot_lengths_m(MOST_PIVOTS, stopped)
         if not lengths_m.max() ** 2 < LARGEST_M2:
             return None
-        return scaled_by_pivots(lengths_m, pivots, self._problem.dimension)
+        return scaled(lengths_m, pivots, self._problem.dimension)
 
     def _settled(self, positions: FloatArray) -> tuple[FloatArray, bool]:
         """Return a placement with the chirality that is known, and whether it is proved."""

@@ -130,7 +130,7 @@ def _placement_by_known_pairs(
     for attempt in range(1 + MOST_DRAWN):
         drawn = np.triu(rng.random(box[UPPER].shape) if attempt else np.ones_like(box[UPPER]), 1)
         squared = box[LOWER] + (drawn + drawn.T) * (box[UPPER] - box[LOWER])
-        start = scaled(squared, problem.dimension)
+        start = scaled(np.sqrt(squared), np.arange(len(squared)), problem.dimension)
         positions = sought(start, known.pairs, known.lower, known.upper, stopped)
         positions, proved = settled(problem, with_known_chirality(problem, positions), boxes)
         if proved or stopped():

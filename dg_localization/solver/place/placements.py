@@ -67,19 +67,12 @@ MARGINS = (MARGIN, 0.02, 0.004)
 """Exact distances and wide ones cannot both be aimed at far inside the wide ones."""
 
 
-def scaled(squared_m2: FloatArray, dimension: int) -> FloatArray:
-    """Return the placement whose distances are closest to given ones (classical scaling)."""
-    longest_m2 = max(float(squared_m2.max()), np.finfo(float).tiny)
-    relative = squared_m2 / longest_m2
-    means = relative.mean(axis=0)
-    gram = -0.5 * (relative - means - means[:, None] + means.mean())
-    values, vectors = np.linalg.eigh(gram)
-    heights = np.sqrt(np.maximum(values[-dimension:], 0.0))
-    return np.ascontiguousarray(np.sqrt(longest_m2) * vectors[:, -dimension:] * heights)
+def scaled(lengths_m: FloatArray, pivots: IntArray, dimension: int) -> FloatArray:
+    """
+    Return the placement that agrees best with the lengths from some points to all.
 
-
-def scaled_by_pivots(lengths_m: FloatArray, pivots: IntArray, dimension: int) -> FloatArray:
-    """Return the placement that agrees best with the lengths from a few points to all."""
+    With those from all points it is that of classical scaling.
+    """
     longest_m = max(float(lengths_m.max()), np.finfo(float).tiny)
     squared = (lengths_m / longest_m) ** 2
     among = squared[:, pivots]
@@ -290,14 +283,8 @@ def place(box: FloatArray, dimension: int, most_steps: int) -> FloatArray:
     finite = np.minimum(box, LARGEST)
     _, exponent = math.frexp(finite[UPPER].max())
     half = max(0, exponent) // 2
-    scaled = finite * math.ldexp(1.0, -2 * half)
-    positions = _factor(0.5 * (scaled[LOWER] + scaled[UPPER]), dimension)
-    return refine_in_box(positions, scaled, most_steps) * math.ldexp(1.0, half)
-
-
-@kernel
-def refine_in_box(positions: FloatArray, box: FloatArray, most_steps: int) -> FloatArray:
-    """Move a placement into the intervals of all pairs of a box by least squares."""
+    unit = finite * math.ldexp(1.0, -2 * half)
+    positions = _factor(0.5 * (unit[LOWER] + unit[UPPER]), dimension)
     n_points = len(positions)
     n_pairs = n_points * (n_points - 1) // 2
     pairs = np.empty((n_pairs, 2), dtype=np.int64)
@@ -306,7 +293,8 @@ def refine_in_box(positions: FloatArray, box: FloatArray, most_steps: int) -> Fl
     for i in range(n_points):
         for j in range(i + 1, n_points):
             pairs[x, 0], pairs[x, 1] = i, j
-            lower[x], upper[x] = box[LOWER, i, j], box[UPPER, i, j]
+            lower[x], upper[x] = unit[LOWER, i, j], unit[UPPER, i, j]
             x += 1
-    effort = IN_BOX
-    return refine(positions, pairs, lower, upper, MARGIN, FIRST_DAMPING, effort, most_steps)[0]
+    damping, effort = FIRST_DAMPING, IN_BOX
+    fitted = refine(positions, pairs, lower, upper, MARGIN, damping, effort, most_steps)[0]
+    return fitted * math.ldexp(1.0, half)

@@ -17,10 +17,7 @@ import math
 
 import numpy as np
 
-from dg_localization.interval.kernels import kernel
 from dg_localization.solver.box import (
-    GAP_LOWER,
-    GAP_UPPER,
     LOWER,
     UPPER,
     FloatArray,
@@ -29,54 +26,47 @@ from dg_localization.solver.box import (
 )
 from dg_localization.solver.contract.fixed_point import EXPLAINED_FACTOR, LEAST_GAP, Pruned
 from dg_localization.solver.contract.widths import excess
+from dg_localization.solver.pair_bounds import pairs_among
 from dg_localization.solver.result import Statistics
 from dg_localization.solver.search.budget import Budget
 
 
-@kernel(borrows=True)
 def choose_split(
     box: FloatArray, explained: FloatArray, resolution_m: float
-) -> tuple[int, int, float, float]:
+) -> tuple[int, int, float, float] | None:
     """
-    Choose where to split a contracted box: at a gap, else where it is too wide.
+    Choose where to split a contracted box: at a gap, else where it is too wide, or nowhere.
 
     Of several gaps the one is taken that leaves the least of its interval: both parts are then
     known well, and contraction decides about them. The widest gaps are those of far points, about
     which little is known yet.
     """
-    n_points = box.shape[1]
-    gap_i, gap_j, least_left_m = -1, -1, math.inf
-    i, j, widest_m2, widest_m = -1, -1, 0.0, 0.0
-    for k in range(n_points):
-        for other in range(k + 1, n_points):
-            low, high = box[LOWER, k, other], box[UPPER, k, other]
-            width_m = math.sqrt(high) - math.sqrt(low)
-            if high < np.inf:
-                widest_m = max(widest_m, width_m)
-            gap_m = math.sqrt(box[GAP_UPPER, k, other]) - math.sqrt(box[GAP_LOWER, k, other])
-            if gap_m > LEAST_GAP * resolution_m and (gap_i < 0 or width_m - gap_m < least_left_m):
-                gap_i, gap_j, least_left_m = k, other, width_m - gap_m
-            times = excess(box, explained, EXPLAINED_FACTOR, resolution_m, k, other)
-            if times > 1.0 and high - low > widest_m2:
-                i, j, widest_m2 = k, other, high - low
-    if widest_m <= resolution_m:
-        return -1, -1, 0.0, 0.0
-    if gap_i >= 0:
-        return gap_i, gap_j, box[GAP_LOWER, gap_i, gap_j], box[GAP_UPPER, gap_i, gap_j]
-    if i < 0:
-        return -1, -1, 0.0, 0.0
+    i, j = pairs_among(box.shape[1])
+    low, high, gap_low, gap_high = box[:, i, j]
+    width_m, gap_m = np.sqrt(high) - np.sqrt(low), np.sqrt(gap_high) - np.sqrt(gap_low)
+    if np.max(width_m, where=high < np.inf, initial=0.0) <= resolution_m:
+        return None
+    gaps = np.flatnonzero(gap_m > LEAST_GAP * resolution_m)
+    if len(gaps):
+        x = gaps[np.argmin(width_m[gaps] - gap_m[gaps])]
+        return i[x], j[x], gap_low[x], gap_high[x]
+    is_wide = excess(box, explained, EXPLAINED_FACTOR, resolution_m)[i, j] > 1.0
+    if not is_wide.any():
+        return None
+    x = np.argmax(np.where(is_wide, high - low, 0.0))
     # Halves of the squared distance separated better than halves of the distance.
-    middle = 0.5 * box[LOWER, i, j] + 0.5 * box[UPPER, i, j]
-    return i, j, middle, middle
+    middle = 0.5 * low[x] + 0.5 * high[x]
+    return i[x], j[x], middle, middle
 
 
 def split(pruned: Pruned, resolution_m: float, at_gaps: bool = False) -> list[FloatArray]:
     """Split a contracted box."""
     box = pruned.box
-    i, j, low_end, high_start = choose_split(box, pruned.explained, resolution_m)
-    if at_gaps and low_end == high_start:
+    found = choose_split(box, pruned.explained, resolution_m)
+    if found is None:
         return []
-    return cut_at(box, (i, j), low_end, high_start) if i >= 0 else []
+    i, j, low_end, high_start = found
+    return [] if at_gaps and low_end == high_start else cut_at(box, (i, j), low_end, high_start)
 
 
 @dataclass
