@@ -427,7 +427,7 @@ SEARCHING = [
     ),
     *_in(
         'solver',
-        'search/search',
+        'contract/fixed_point',
         ('test/solver/test_splitting.py', 'test/solver/test_pieces_never_lose.py'),
         (
             'three points on a line count as convex',

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache, cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,18 +15,9 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
-MOST_REMEMBERED = 64
-"""The pairs of a number of points are listed once; they are needed again and again."""
-
-
+@lru_cache(maxsize=64)
 def pairs_among(n_points: int) -> tuple[IntArray, IntArray]:
-    """Return the rows and the columns of all pairs of a number of points, in their order."""
-    return _remembered(n_points) if n_points <= MOST_REMEMBERED else np.triu_indices(n_points, 1)
-
-
-@cache
-def _remembered(n_points: int) -> tuple[IntArray, IntArray]:
-    """Return the same, read only."""
+    """Return the rows and the columns of all pairs of points in their order, read only."""
     rows, columns = np.triu_indices(n_points, 1)
     rows.flags.writeable = columns.flags.writeable = False
     return rows, columns

@@ -27,15 +27,14 @@ from dg_localization.solver.assemble.subproblem import (
     MOST_WORK_TOGETHER,
     Bounds,
     bounds_within,
-    contracted,
     restricted,
-    smoothed,
 )
 from dg_localization.solver.box import FloatArray, IntArray
 from dg_localization.solver.decompose.graph import Points
 from dg_localization.solver.problem import Problem, Side, SideConstraint
 from dg_localization.solver.result import Joint
 from dg_localization.solver.search.budget import Budget
+from dg_localization.solver.search.search import contracted, smoothed
 
 MOST_TURNS = 6
 """How many ways to turn a piece about a joint are tried."""

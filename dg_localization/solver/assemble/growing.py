@@ -21,7 +21,13 @@ from itertools import combinations, islice
 
 import numpy as np
 
-from dg_localization.solver.assemble.subproblem import MOST_TOGETHER, Bounds, as_box, parts_within
+from dg_localization.solver.assemble.subproblem import (
+    MOST_DENSE,
+    MOST_TOGETHER,
+    Bounds,
+    as_box,
+    parts_within,
+)
 from dg_localization.solver.box import GAP_LOWER, LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.contract.coordinates import (
     distances_to_region,
@@ -272,8 +278,8 @@ def _frame(box: FloatArray, positions: FloatArray, neighbors: IntArray) -> IntAr
     return frame
 
 
-LEAST_GROWN, MOST_GROWN = 12, 200
-"""A piece of fewer points is searched as a whole, and for more points each step takes too long."""
+LEAST_GROWN = 12
+"""A piece of fewer points is searched as a whole; beyond `MOST_DENSE` each step takes too long."""
 
 ONE_BOX_SHARE = 0.1
 """One box is tried first, in this part of the time: it is enough where points are held well."""
@@ -290,7 +296,7 @@ BOXES_PER_START, LEAST_BOXES = 2, 6
 
 def is_grown(n_points: int, dimension: int) -> bool:
     """Return whether a piece is solved point by point."""
-    return dimension == 3 and LEAST_GROWN <= n_points <= MOST_GROWN
+    return dimension == 3 and LEAST_GROWN <= n_points <= MOST_DENSE
 
 
 def solve_grown(

@@ -30,7 +30,6 @@ from dg_localization.solver.assemble.subproblem import (
     MOST_CONTRACTED,
     Bounds,
     bounds_within,
-    contracted,
     restricted,
     restricted_boxes,
 )
@@ -38,16 +37,17 @@ from dg_localization.solver.box import FloatArray
 from dg_localization.solver.contract.sides import farthest_apex
 from dg_localization.solver.decompose.graph import BoolArray, Pair, Points, pairs_of
 from dg_localization.solver.decompose.rigid_components import RANK_TOLERANCE
-from dg_localization.solver.problem import Chirality, Problem, Side, SideConstraint, points_of
+from dg_localization.solver.problem import Problem, Side, SideConstraint, points_of
 from dg_localization.solver.result import Hypothesis, Joint, JointKind
 from dg_localization.solver.search.budget import Budget
+from dg_localization.solver.search.search import contracted
 
 MOST_PAIRS = 4096
 """Pieces with more pairs of hypotheses than this are not compared: all of them go together."""
 
 
-LARGE, MOST_APEXES = 40, 8
-"""In a piece of more than `LARGE` points, `MOST_APEXES` about a face are looked at."""
+MOST_APEXES = 8
+"""In a piece of more than `MOST_CONTRACTED` points, so many about a face are looked at."""
 
 
 class Linker:
@@ -221,18 +221,9 @@ class Linker:
         points = {*first.points, *second.points}
         if len(points) > MOST_CONTRACTED:
             return False
-        known = self._problem.constraints_among(points)
-        if self._within is not None:
+        if self._within is not None or self._problem.constraints_among(points):
             return True
         inside = [set(piece.points) for piece in (first, second)]
-        is_chiral = [
-            any(s.issuperset(points_of(c)) for c in known if isinstance(c, Chirality))
-            for s in inside
-        ]
-        if all(is_chiral) or any(
-            not any(s.issuperset(points_of(constraint)) for s in inside) for constraint in known
-        ):
-            return True
         apart = inside[0] - inside[1], inside[1] - inside[0]
         return any(not self._crossing.get(p, set()).isdisjoint(apart[1]) for p in apart[0])
 
@@ -326,7 +317,7 @@ def apex_of(
 ) -> int | None:
     """Return a point of a piece that is off the hyperplane of a face in every placement."""
     others = [point for point in points if point not in face]
-    if len(points) > LARGE:
+    if len(points) > MOST_CONTRACTED:
         positions = (guide or hypothesis).positions
         if positions is None:
             return None

@@ -117,9 +117,6 @@ MOST_RANGES = 16
 TRIPLES_PER_S = 800 * WORK_PER_LOOK
 """About how many triangles of a box are looked at in a second, twice each."""
 
-FIRST_SHARE = 0.5
-"""At first a piece may take this part of a fair share: easy ones do not wait for hard ones."""
-
 
 class PieceSolver:
     """Solves the pieces of a decomposition in their order."""
@@ -186,7 +183,7 @@ class PieceSolver:
         if n_points > MOST_CONTRACTED or is_grown(n_points, self._problem.dimension):
             # There is no second time for it.
             return self._share_of_all * n_points / sum(map(len, self._points[number:]))
-        return self._share_of_all * FIRST_SHARE / (len(self._points) - number)
+        return self._share_of_all / (len(self._points) - number)
 
     def _solve(self, number: int) -> None:
         """Solve a piece for all that earlier pieces say of it."""

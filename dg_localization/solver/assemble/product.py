@@ -42,9 +42,6 @@ from dg_localization.solver.search.budget import Budget
 MOST_LISTED = 6400
 """Choices times the square of the points, up to which they are looked at to count them."""
 
-MOST_APART = 64
-"""As many combinations of the parts of a piece are told apart, or as many hypotheses as asked."""
-
 MOST_ATTEMPTS = 4
 """How often a placement is put together until it is proved to agree."""
 
@@ -189,7 +186,7 @@ class Product:
         found: list[FloatArray] = []
         of: list[Combination] = []
         is_small = self._assembly.is_small
-        if self.combinations.number > max(MOST_APART, self._options.max_hypotheses):
+        if self.combinations.number > self._options.max_hypotheses:
             hull = self._assembly.hull
             first = next(self.combinations.listed(lambda _: True), None)
             listed = [(first, hull)] if first and hull else []

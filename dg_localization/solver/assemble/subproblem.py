@@ -10,16 +10,12 @@ from itertools import product
 
 import numpy as np
 
-from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, Status
-from dg_localization.solver.contract.fixed_point import Contractor
-from dg_localization.solver.contract.triangles import smooth
+from dg_localization.solver.box import FloatArray, IntArray
 from dg_localization.solver.decompose.decomposition import Decomposition, pieces_of
 from dg_localization.solver.decompose.graph import Pair, Points, connected_parts, graph_of
 from dg_localization.solver.pair_bounds import PairBounds
 from dg_localization.solver.problem import Chirality, Constraint, Problem, SideConstraint
 from dg_localization.solver.result import Joint
-from dg_localization.solver.search.budget import Budget
-from dg_localization.solver.search.search import tighten
 
 Bounds = tuple[FloatArray, FloatArray]
 """Lower and upper bounds of squared distances in m^2."""
@@ -28,7 +24,8 @@ Ranges = Mapping[Pair, tuple[float, float]]
 """Lower and upper bounds of the squared distances of some pairs in m^2."""
 
 MOST_DENSE = 200
-"""Bounds among more points are those of listed pairs; no n x n array is made of them."""
+"""Bounds among more points are those of listed pairs; no n x n array is made of them. For fewer
+ones chains of known distances bound those of their ends."""
 
 
 def restricted(
@@ -171,59 +168,3 @@ It takes seconds for more."""
 MOST_WORK_TOGETHER = 100_000
 """Choices times the cube of the points, up to which all points are contracted for each choice, or
 the box of each choice is split once: halves of larger boxes are hardly narrower."""
-
-MOST_SMOOTHED = 300
-"""Up to this many points chains of known distances bound those of their ends."""
-
-
-def contracted(
-    problem: Problem,
-    budget: Budget,
-    within: Sequence[Bounds] | None = None,
-    is_tightened: bool = False,
-) -> Bounds | None:
-    """Contract a problem once, and tighten it if asked; None proves that it has no placement."""
-    n_points = problem.n_points
-    box = as_box((problem.lower, problem.upper))
-    if n_points <= MOST_SMOOTHED and not (n_points > MOST_CONTRACTED and budget.is_over()):
-        if not smooth(box):
-            return None
-    if n_points <= MOST_CONTRACTED:
-        contractor = Contractor(problem, budget.options.resolution, is_quick=True)
-        pruned = contractor.contract(box, budget.is_over)
-        if pruned.status is Status.EMPTY:
-            return None
-        left = tighten(contractor, pruned.box, budget.leaves_wide) if is_tightened else pruned.box
-        # Sides may have bounded a pair, and so all that chains lead to by it.
-        if left is None or not smooth(left):
-            return None
-        box = left
-    return _common_hull((box[LOWER].copy(), box[UPPER].copy()), within)
-
-
-def smoothed(problem: Problem, within: Sequence[Bounds] | None = None) -> Bounds | None:
-    """Bound all pairs by chains of known ones; None proves that there is no placement."""
-    bounds = _smoothed(problem.lower, problem.upper)
-    return _common_hull(bounds, within) if bounds else None
-
-
-def _common_hull(bounds: Bounds, within: Sequence[Bounds] | None) -> Bounds | None:
-    """Return the hull of what bounds have in common with boxes, None where they have nothing."""
-    if within is None:
-        return bounds
-    left = parts_within([bounds], within)
-    if not left:
-        return None
-    lower = np.min([low for low, _ in left], axis=0)
-    upper = np.max([high for _, high in left], axis=0)
-    if len(lower) > MOST_SMOOTHED:
-        return lower, upper
-    hull = _smoothed(lower, upper)
-    # What is between several boxes may be all that the triangle inequalities leave.
-    return hull if hull and parts_within([hull], within) else None
-
-
-def _smoothed(lower: FloatArray, upper: FloatArray) -> Bounds | None:
-    """Return bounds that meet all triangle inequalities, None where no distances do."""
-    box = as_box((lower, upper))
-    return (box[LOWER].copy(), box[UPPER].copy()) if smooth(box) else None

@@ -92,6 +92,18 @@ def _local_sweeps(n_points: int, dimension: int) -> tuple[int, ...]:
     return (20,)
 
 
+def _is_convex(problem: Problem) -> bool:
+    """
+    Return whether the distances of the placements in any box are a convex set.
+
+    Those of three points obey the triangle inequalities and nothing else, in the plane and in
+    space. These give the hull of the set, and parts of it would be parts of one hypothesis. One
+    chirality only chooses between mirror images; two may leave flat triangles alone.
+    """
+    most_points = 2 if problem.dimension == 1 else 3
+    return problem.n_points <= most_points and len(problem.chiralities) < 2
+
+
 class Contractor:
     """
     Contracts boxes of one problem, one at a time.
@@ -104,8 +116,12 @@ class Contractor:
     def __init__(self, problem: Problem, resolution_m: float, is_quick: bool = False) -> None:
         n_points, dimension = problem.n_points, problem.dimension
         self.problem = problem
+        self.is_convex = _is_convex(problem)
         self._axes = axes_of(problem)
-        self._groups = groups_of(problem)
+        self._whole = np.zeros((4, n_points, n_points))
+        self._whole[LOWER], self._whole[UPPER] = problem.lower, problem.upper
+        self._is_possible = smooth(self._whole)
+        self._groups = groups_of(problem, self._whole)
         self._n_measured = sum(len(group.edges) for group in self._groups)
         self._resolution_m = resolution_m
         self._most_sweeps = MAX_QUICK_SWEEPS if is_quick else MAX_SWEEPS
@@ -127,9 +143,7 @@ class Contractor:
 
     def whole(self) -> FloatArray | None:
         """Return the box of the problem itself, None where the triangles prove it to be empty."""
-        box = np.zeros_like(self._box)
-        box[LOWER], box[UPPER] = self.problem.lower, self.problem.upper
-        return box if smooth(box) else None
+        return self._whole.copy() if self._is_possible else None
 
     def contract(self, box: FloatArray, stopped: Callable[[], bool] = _never) -> Pruned:
         """Contract a box until nothing gains much."""
@@ -177,6 +191,8 @@ class Contractor:
         """
         explained[:] = 0.0
         for points, edges, errors in self._groups:
+            if len(points) == len(explained):
+                return bool(combine(box, self.problem.dimension, edges, errors, explained))
             local, of_group = sub_box(box, points), np.zeros((len(points), len(points)))
             if not combine(local, self.problem.dimension, edges, errors, of_group):
                 return False
@@ -190,6 +206,8 @@ class Contractor:
         for sweep in range(self._most_sweeps):
             if sweep < SMOOTHED_SWEEPS and not smooth_triangles(box, self._distance, self._points):
                 return Status.EMPTY
+            if self.is_convex:
+                return Status.CONTRACTED
             axes = rank_axes(box, self._axes)
             if sweep < len(self._local_sweeps):
                 # The best axes are the measured pairs and what they soon reveal.

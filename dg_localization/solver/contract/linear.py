@@ -35,7 +35,6 @@ from dg_localization.solver.contract.newton import (
     set_multipliers,
 )
 from dg_localization.solver.contract.widths import largest_gain
-from dg_localization.solver.decompose.graph import connected_parts, graph_of
 from dg_localization.solver.place.placements import place
 from dg_localization.solver.problem import Problem
 
@@ -121,15 +120,19 @@ class Group(NamedTuple):
     errors: FloatArray  # (m,): the widths of their intervals in m^2
 
 
-def groups_of(problem: Problem) -> list[Group]:
-    """Return the points of a problem in groups that chains of measured pairs connect."""
+def groups_of(problem: Problem, smoothed: FloatArray) -> list[Group]:
+    """
+    Return the points of a problem in groups that chains of measured pairs connect.
+
+    These are bounded by each other in its box, once that meets the triangle inequalities.
+    """
+    first = np.isfinite(smoothed[UPPER]).argmax(axis=1)
     pairs = problem.pairs.measured
-    alone = np.zeros(problem.n_points, dtype=np.bool_)
-    part = connected_parts(graph_of(problem.n_points, pairs), alone)
-    groups = []
-    for number in np.unique(part[pairs[:, 0]]):
-        points, among = np.flatnonzero(part == number), pairs[part[pairs[:, 0]] == number]
-        errors = problem.upper[tuple(among.T)] - problem.lower[tuple(among.T)]
+    ends, groups = first[pairs], []
+    for number in set(ends[:, 0].tolist()):
+        # Where a chain overflows, its pairs are left out.
+        points, among = np.flatnonzero(first == number), pairs[(ends == number).all(axis=1)]
+        errors = problem.upper[among[:, 0], among[:, 1]] - problem.lower[among[:, 0], among[:, 1]]
         groups.append(Group(points, np.searchsorted(points, among), errors))
     return groups
 

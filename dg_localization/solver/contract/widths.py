@@ -54,9 +54,7 @@ def is_finished(
     box: FloatArray, explained: FloatArray, factor: float, resolution_m: float
 ) -> bool:
     """Return whether a box is narrower than the resolution or no wider than the errors explain."""
-    upper = box[UPPER]
-    width_m = np.max(np.sqrt(upper) - np.sqrt(box[LOWER]), where=upper < np.inf, initial=0.0)
-    return bool(width_m <= resolution_m or excess(box, explained, factor, resolution_m).max() <= 1)
+    return bool(excess(box, explained, factor, resolution_m).max() <= 1.0)
 
 
 def widest_gap_m(box: FloatArray) -> float:

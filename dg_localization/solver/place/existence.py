@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.interval.arrays import Interval, determinant, squared_norm, total_up, up
-from dg_localization.interval.kernels import WORK_PER_LOOK, look_after
+from dg_localization.interval.kernels import WORK_OF_A_STEP, WORK_PER_LOOK, look_after
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.place.proofs import agrees, lies_in
 from dg_localization.solver.problem import Problem, Side
@@ -38,9 +38,6 @@ of its known distances."""
 
 NARROW = 1e-10
 """A pair whose squared distance is open by no more than this part of it counts as exact."""
-
-WORK_OF_INTERVALS = 100
-"""What a product of intervals takes in each dimension, in units of `look_after`."""
 
 NEWTON_STEPS = 6
 MOST_EXACT = 1000
@@ -152,8 +149,7 @@ def _contraction(slopes: Interval, inverse: Interval, pairs: IntArray) -> float:
     """Return an upper bound of the norm of A R - 1; the clock is looked at on the way."""
     n_pairs, dimension = slopes.lower.shape
     unit, norms = np.eye(n_pairs), np.zeros(n_pairs)
-    work = WORK_OF_INTERVALS * n_pairs
-    at_once = 1 + WORK_PER_LOOK // work
+    at_once = 1 + WORK_OF_A_STEP // n_pairs
     for first in range(0, n_pairs, at_once):
         some = slice(first, first + at_once)
         product = -Interval.point(unit[some])
@@ -161,7 +157,7 @@ def _contraction(slopes: Interval, inverse: Interval, pairs: IntArray) -> float:
             relative = inverse[pairs[some, 0], axis] - inverse[pairs[some, 1], axis]
             product = product + slopes[some, axis, None] * relative
         norms[some] = total_up(_magnitude(product))
-        look_after(at_once * work)
+        look_after(WORK_PER_LOOK)
     return float(norms.max())
 
 

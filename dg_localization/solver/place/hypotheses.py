@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property, partial
 import math
 from typing import TypeAlias
@@ -78,64 +78,48 @@ def placement_in(
 ) -> tuple[FloatArray, bool]:
     """Return a placement for the boxes of a component, and whether it is proved to agree."""
     ended = _end_of_placing(problem, stopped)
-    for start in starts:
-        if start is not None:
-            found = with_known_chirality(problem, start)
-            found, proved = _settled_in_time(problem, found, boxes, ended)
-            if proved or stopped():
-                return found, proved
-    is_moderate = boxes[0][UPPER].max() < LARGEST_M2
-    if problem.n_points > MOST_DENSE and is_moderate:
-        return _placement_by_known_pairs(problem, boxes, stopped)
     first = None
-    for box in boxes[:: max(1, len(boxes) // MAX_ATTEMPTS)]:
-        found = place_problem(problem, box)
-        found, proved = _settled_in_time(problem, found, boxes, ended)
+    for positions in _placements_sought(problem, boxes, starts, stopped):
+        placed, proved = with_known_chirality(problem, positions), False
+        with until(ended):
+            placed, proved = settled(problem, placed, boxes)
         if first is None or proved:
-            first = found
+            first = placed
         if proved or stopped():
             return first, proved
     assert first is not None
-    # Parts of a larger problem are placed together with the rest of it.
-    is_small = problem.n_points <= MOST_SMALL and stopped is not never
-    if is_moderate and (is_small or has_exact_pairs(problem)):
-        with until(stopped):
-            found, proved = _placement_by_known_pairs(problem, boxes, stopped)
-            if proved:
-                return found, True
     return first, False
 
 
-def _settled_in_time(
-    problem: Problem, positions: FloatArray, boxes: list[FloatArray], ended: Callable[[], bool]
-) -> tuple[FloatArray, bool]:
-    """Return what `settled` does; what was given, not proved, where there is no time for it."""
-    found = positions, False
-    with until(ended):
-        found = settled(problem, positions, boxes)
-    return found
+def _placements_sought(
+    problem: Problem,
+    boxes: list[FloatArray],
+    starts: Iterable[FloatArray | None],
+    stopped: Callable[[], bool],
+) -> Iterator[FloatArray]:
+    """Yield placements for the boxes of a component: given ones, of boxes, and by known pairs."""
+    yield from (start for start in starts if start is not None)
+    box = boxes[0]
+    is_moderate = box[UPPER].max() < LARGEST_M2
+    if problem.n_points <= MOST_DENSE or not is_moderate:
+        for some in boxes[:: max(1, len(boxes) // MAX_ATTEMPTS)]:
+            yield place_everywhere(some, problem.dimension)
+        # Parts of a larger problem are placed together with the rest of it.
+        is_small = problem.n_points <= MOST_SMALL and stopped is not never
+        if not (is_moderate and (is_small or has_exact_pairs(problem))):
+            return
+    known, rng = problem.pairs, np.random.default_rng(0)
+    for attempt in range(1 + MOST_DRAWN):
+        # The longest distances first.
+        drawn = np.triu(rng.random(box[UPPER].shape) if attempt else np.ones_like(box[UPPER]), 1)
+        squared = box[LOWER] + (drawn + drawn.T) * (box[UPPER] - box[LOWER])
+        start = scaled(np.sqrt(squared), np.arange(len(squared)), problem.dimension)
+        yield sought(start, known.pairs, known.lower, known.upper, stopped)
 
 
 def _end_of_placing(problem: Problem, stopped: Callable[[], bool]) -> Callable[[], bool]:
     """Return what ends a first placement, its proof and its rank: nothing for few points."""
     return never if problem.n_points * problem.dimension <= AT_ONCE else stopped
-
-
-def _placement_by_known_pairs(
-    problem: Problem, boxes: list[FloatArray], stopped: Callable[[], bool]
-) -> tuple[FloatArray, bool]:
-    """Return a placement laid out by distances drawn from a box, the longest ones first."""
-    known, box = problem.pairs, boxes[0]
-    rng = np.random.default_rng(0)
-    for attempt in range(1 + MOST_DRAWN):
-        drawn = np.triu(rng.random(box[UPPER].shape) if attempt else np.ones_like(box[UPPER]), 1)
-        squared = box[LOWER] + (drawn + drawn.T) * (box[UPPER] - box[LOWER])
-        start = scaled(np.sqrt(squared), np.arange(len(squared)), problem.dimension)
-        positions = sought(start, known.pairs, known.lower, known.upper, stopped)
-        positions, proved = settled(problem, with_known_chirality(problem, positions), boxes)
-        if proved or stopped():
-            break
-    return positions, proved
 
 
 def _may_move(problem: Problem, found: Placement) -> bool:

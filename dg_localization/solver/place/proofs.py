@@ -13,20 +13,32 @@ from fractions import Fraction
 
 import numpy as np
 
-from dg_localization.interval.arrays import Interval, determinant, squared_norm
+from dg_localization.interval.arrays import Interval, determinant
+from dg_localization.interval.kernels import kernel
+from dg_localization.interval.rounding import down, square_down, square_up, up
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.pair_bounds import PairBounds, pairs_among
 from dg_localization.solver.problem import Problem
 
 
+@kernel
+def _squared_distances(positions: FloatArray, pairs: IntArray) -> FloatArray:
+    """Enclose the squared distances of pairs, shape (2, m)."""
+    squared = np.zeros((2, len(pairs)))
+    for x in range(len(pairs)):
+        for axis in range(positions.shape[1]):
+            arm = abs(positions[pairs[x, 0], axis] - positions[pairs[x, 1], axis])
+            squared[LOWER, x] = down(squared[LOWER, x] + square_down(max(0.0, down(arm))))
+            squared[UPPER, x] = up(squared[UPPER, x] + square_up(up(arm)))
+    return squared
+
+
 def pairs_lie_within(bounded: PairBounds, positions: FloatArray) -> bool:
     """Prove that the squared distances of some pairs of a finite placement lie in their bounds."""
-    points, (first, second) = Interval.point(positions), bounded.pairs.T
-    with np.errstate(over='ignore'):
-        squared = squared_norm(points[first] - points[second])
-    if ((squared.upper < bounded.lower) | (squared.lower > bounded.upper)).any():
+    least, most = _squared_distances(positions, bounded.pairs)
+    if ((most < bounded.lower) | (least > bounded.upper)).any():
         return False
-    is_open = (squared.lower < bounded.lower) | (squared.upper > bounded.upper)
+    is_open = (least < bounded.lower) | (most > bounded.upper)
     ends = (values[is_open].tolist() for values in (bounded.pairs, bounded.lower, bounded.upper))
     return all(
         low <= _exact_squared(positions[pair]) <= high

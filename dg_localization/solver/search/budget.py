@@ -17,16 +17,6 @@ from dg_localization.solver.result import Statistics
 GRACE_S = 0.005
 """What takes long is left out so much later than the end: what is short still makes an answer."""
 
-LEAST_S = 1e-9
-"""A search with less time than this left does not look at a single box."""
-
-
-class _Stopped:
-    """Stops a search before its first box: what it covers is all pending."""
-
-    def is_set(self) -> bool:
-        return True
-
 
 class _Remembered:
     """Stays set: a step that was stopped must not count as done, where an event is cleared."""
@@ -71,11 +61,11 @@ class Budget:
     def part(self, share: float, most_boxes: int | None = None, is_silent: bool = False) -> Budget:
         """Return the budget of a part that may take a share of what is left."""
         boxes = self.boxes_left()
-        most_boxes = max(1, min(int(share * boxes), most_boxes or boxes))
+        # Where none is left, a search ends before its first box: what it covers is all pending.
+        most_boxes = min(max(int(share * boxes), 1), most_boxes or boxes, max(boxes, 0))
         options = self._limited(most_boxes, share * self.seconds_left())
         progress = self.report if self.progress and not is_silent else None
-        cancel = self._cancel if boxes > 0 else _Stopped()
-        return Budget(options, cancel, progress, clock=self._clock)
+        return Budget(options, self._cancel, progress, clock=self._clock)
 
     def remaining(self) -> SolverOptions:
         """Return the options with what is left of the time."""
@@ -83,7 +73,7 @@ class Budget:
 
     def _limited(self, max_boxes: int, max_seconds: float) -> SolverOptions:
         tighten_seconds = max(0.0, self.options.tighten_seconds - self.seconds())
-        return self.options.limited(max_boxes, max(LEAST_S, max_seconds), tighten_seconds)
+        return self.options.limited(max_boxes, max_seconds, tighten_seconds)
 
     def seconds(self) -> float:
         """Return the time since the call began."""

@@ -1,7 +1,11 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""From a problem to a cover: branch and prune, then tightening of the boxes that are kept."""
+"""
+From a problem to a cover: branch and prune, then tightening of the boxes that are kept.
+
+What pieces make together is contracted once, without a split.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +14,16 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from dg_localization.interval.kernels import until
+from dg_localization.solver.assemble.subproblem import (
+    MOST_CONTRACTED,
+    MOST_DENSE,
+    Bounds,
+    as_box,
+    parts_within,
+)
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, Status
 from dg_localization.solver.contract.fixed_point import Contractor, Pruned
+from dg_localization.solver.contract.triangles import smooth
 from dg_localization.solver.place.hypotheses import place_problem
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Statistics
@@ -118,20 +130,20 @@ def tighten(
 def search(
     problem: Problem,
     budget: Budget,
-    within: Sequence[tuple[FloatArray, FloatArray]] | None = None,
+    within: Sequence[Bounds] | None = None,
     at_gaps: bool = False,
     all_or_nothing: bool = False,
 ) -> Paving:
     """Cover all placements of a problem by boxes."""
-    resolution_m, is_convex = budget.options.resolution, _is_convex(problem)
+    resolution_m = budget.options.resolution
     contractor = Contractor(problem, resolution_m)
     whole = contractor.whole()
     if whole is None:
         return Paving(empty=1)
     cover = pave(
-        [whole] if within is None else _common_parts(whole, within),
+        [as_box(part) for part in parts_within([(whole[LOWER], whole[UPPER])], within)],
         lambda box: contractor.contract(box, budget.is_over),
-        lambda pruned: [] if is_convex else split(pruned, resolution_m, at_gaps),
+        lambda pruned: [] if contractor.is_convex else split(pruned, resolution_m, at_gaps),
         budget,
         all_or_nothing,
     )
@@ -147,7 +159,7 @@ def search_share(
     problem: Problem,
     budget: Budget,
     share: float,
-    within: Sequence[tuple[FloatArray, FloatArray]] | None = None,
+    within: Sequence[Bounds] | None = None,
     most_boxes: int | None = None,
     at_gaps: bool = False,
 ) -> Paving:
@@ -176,27 +188,54 @@ def accept_pending(cover: Paving, budget: Budget) -> None:
         cover.kept, cover.pending = cover.kept + cover.pending, []
 
 
-def _is_convex(problem: Problem) -> bool:
-    """
-    Return whether the distances of the placements in any box are a convex set.
+def contracted(
+    problem: Problem,
+    budget: Budget,
+    within: Sequence[Bounds] | None = None,
+    is_tightened: bool = False,
+) -> Bounds | None:
+    """Contract a problem once, and tighten it if asked; None proves that it has no placement."""
+    n_points = problem.n_points
+    box = as_box((problem.lower, problem.upper))
+    if n_points <= MOST_DENSE and not (n_points > MOST_CONTRACTED and budget.is_over()):
+        if not smooth(box):
+            return None
+    if n_points <= MOST_CONTRACTED:
+        contractor = Contractor(problem, budget.options.resolution, is_quick=True)
+        pruned = contractor.contract(box, budget.is_over)
+        if pruned.status is Status.EMPTY:
+            return None
+        left = tighten(contractor, pruned.box, budget.leaves_wide) if is_tightened else pruned.box
+        # Sides may have bounded a pair, and so all that chains lead to by it.
+        if left is None or not smooth(left):
+            return None
+        box = left
+    return _common_hull((box[LOWER].copy(), box[UPPER].copy()), within)
 
-    Those of three points obey the triangle inequalities and nothing else, in the plane and in
-    space. Parts of the set would be parts of one hypothesis, and it is not split. One
-    chirality only chooses between mirror images; two may leave flat triangles alone.
-    """
-    most_points = 2 if problem.dimension == 1 else 3
-    return problem.n_points <= most_points and len(problem.chiralities) < 2
+
+def smoothed(problem: Problem, within: Sequence[Bounds] | None = None) -> Bounds | None:
+    """Bound all pairs by chains of known ones; None proves that there is no placement."""
+    bounds = _smoothed(problem.lower, problem.upper)
+    return _common_hull(bounds, within) if bounds else None
 
 
-def _common_parts(
-    whole: FloatArray, within: Sequence[tuple[FloatArray, FloatArray]]
-) -> list[FloatArray]:
-    """Return what a box has in common with others."""
-    parts = []
-    for lower, upper in within:
-        part = whole.copy()
-        part[LOWER] = np.maximum(whole[LOWER], lower)
-        part[UPPER] = np.minimum(whole[UPPER], upper)
-        if (part[LOWER] <= part[UPPER]).all():
-            parts.append(part)
-    return parts
+def _common_hull(bounds: Bounds, within: Sequence[Bounds] | None) -> Bounds | None:
+    """Return the hull of what bounds have in common with boxes, None where they have nothing."""
+    if within is None:
+        return bounds
+    left = parts_within([bounds], within)
+    if not left:
+        return None
+    lower = np.min([low for low, _ in left], axis=0)
+    upper = np.max([high for _, high in left], axis=0)
+    if len(lower) > MOST_DENSE:
+        return lower, upper
+    hull = _smoothed(lower, upper)
+    # What is between several boxes may be all that the triangle inequalities leave.
+    return hull if hull and parts_within([hull], within) else None
+
+
+def _smoothed(lower: FloatArray, upper: FloatArray) -> Bounds | None:
+    """Return bounds that meet all triangle inequalities, None where no distances do."""
+    box = as_box((lower, upper))
+    return (box[LOWER].copy(), box[UPPER].copy()) if smooth(box) else None
