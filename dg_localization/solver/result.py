@@ -6,8 +6,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from enum import Enum
+from operator import add
 from typing import Protocol
 
 import numpy as np
@@ -45,14 +46,7 @@ class Statistics:
     seconds: float = 0.0
 
     def __add__(self, other: Statistics) -> Statistics:
-        return Statistics(
-            processed=self.processed + other.processed,
-            empty=self.empty + other.empty,
-            split=self.split + other.split,
-            kept=self.kept + other.kept,
-            pending=self.pending + other.pending,
-            seconds=self.seconds + other.seconds,
-        )
+        return Statistics(*map(add, astuple(self), astuple(other)))
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from dg_localization.solver.decompose.decomposition import Decomposition
 from dg_localization.solver.decompose.graph import Points
 from dg_localization.solver.place.hypotheses import hypotheses_of
 from dg_localization.solver.problem import Problem
-from dg_localization.solver.result import JointKind, Piece, Result, Statistics, Verdict
+from dg_localization.solver.result import JointKind, Piece, Result, Verdict
 from dg_localization.solver.search.budget import Budget
 from dg_localization.solver.search.search import search_in_one_box
 
@@ -100,14 +100,8 @@ def _solved_in_one_box(problem: Problem, budget: Budget) -> SolvedPieces | None:
 def _infeasible(points: Points, problem: Problem, budget: Budget) -> Result:
     """Return the answer that there is no placement, with the piece that is left without any."""
     spent = budget.spent
-    statistics = Statistics(
-        processed=spent.processed,
-        empty=spent.empty + spent.kept,
-        split=spent.split,
-        kept=0,
-        pending=0,
-        seconds=budget.seconds(),
-    )
+    empty, seconds = spent.empty + spent.kept, budget.seconds()
+    statistics = replace(spent, empty=empty, kept=0, pending=0, seconds=seconds)
     piece = Piece(points, ())
     return Result(Verdict.INFEASIBLE, statistics, (piece,), (), 0, Nothing(problem.n_points))
 

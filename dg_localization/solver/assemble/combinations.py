@@ -116,7 +116,8 @@ class Combinations:
             self._links_of[link.first].append(link)
             self._links_of[link.second].append(link)
         self._drop_unmatched(network.links)
-        self._is_forest = network.is_exact
+        # Whether `number` counts no combination that a link rules out.
+        self.is_exact = network.is_exact
         self.lists_all_sides = network.lists_all_sides
         self.forest: list[PieceLink] = []
         self._order: list[int] = []
@@ -124,11 +125,6 @@ class Combinations:
         self._branches: list[list[tuple[int, PieceLink]]] = [[] for _ in self.left]
         self._plant(network.links)
         self.number = self._count()
-
-    @property
-    def is_exact(self) -> bool:
-        """Whether `number` counts no combination that a link rules out."""
-        return self._is_forest
 
     @property
     def contradiction(self) -> int | None:
@@ -157,7 +153,7 @@ class Combinations:
         for link in sorted(links, key=lambda k: k.site is None):
             first, second = tree[link.first], tree[link.second]
             if first == second:
-                self._is_forest = False
+                self.is_exact = False
                 continue
             tree = [first if root == second else root for root in tree]
             self.forest.append(link)

@@ -52,6 +52,10 @@ from dg_localization.solver.result import Joint, JointKind
 from dg_localization.solver.search.budget import GRACE_S, Budget
 from dg_localization.solver.search.search import accept_pending, search_in_one_box, search_share
 
+MOST_UNREVIEWED = 30
+"""Up to this size a piece as a whole rules out as much as reviews of its patches, and sooner,
+where distances are wide. Few choices of larger pieces are contracted."""
+
 PATCHES_SHARE = 0.5
 """Patches may take this part of the time of a piece that is contracted afterwards,"""
 
@@ -81,7 +85,8 @@ def solve_large(
     """Solve a large piece in patches; return None where its neighborhoods are not rigid."""
     is_whole = problem.n_points <= MOST_TOGETHER
     share_of_patches = (PATCHES_SHARE if is_whole else PATCHES_SHARE_ALONE) * share
-    solved = PatchSolver(problem, budget, share_of_patches, within).run()
+    is_reviewed = problem.n_points > MOST_UNREVIEWED or is_known_well(problem)
+    solved = PatchSolver(problem, budget, share_of_patches, within, is_reviewed).run()
     if solved is None:
         return None
     if solved.is_empty():

@@ -6,9 +6,9 @@ A large rigid piece, solved in patches.
 
 Small rigid neighborhoods cover all measured pairs and overlap. Each is solved as a problem of its
 own; what all of them say of a shared pair narrows it, and hypotheses that contradict their
-neighbors are dropped. Further patches cross the seams between those that are held together. Every
-placement of the piece is a placement of each patch, so that nothing is lost, whatever the patches
-are.
+neighbors are dropped. Further patches cross the seams between those that are held together, and
+look again at those that several hypotheses are left of. Every placement of the piece is a
+placement of each patch, so that nothing is lost, whatever the patches are.
 
 Patches are independent tasks, for this process or for those of an executor. They are handed out
 in batches and taken back in their order, so that the answer is the one that this process alone
@@ -21,6 +21,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from itertools import islice
+
+import numpy as np
 
 from dg_localization.interval.environment import default_environment
 from dg_localization.solver.assemble.subproblem import Bounds, restricted, restricted_boxes
@@ -166,7 +168,11 @@ MOST_WHOLE = 16
 
 MOST_PATCH_BOXES = 200
 MOST_SEAM_BOXES = 40
+MOST_REVIEW_BOXES = 12
 """One patch may take this many boxes; those that come later are given up where they take more."""
+
+REVIEW_POINTS = 14
+"""Most points of a patch that looks again at what another one leaves open."""
 
 
 @dataclass
@@ -204,23 +210,25 @@ class PatchSolver:
         budget: Budget,
         share: float,
         within: Sequence[Bounds] | None,
+        is_reviewed: bool,
     ) -> None:
         self._problem = problem
         self._budget = budget
         self._within = within
         self._is_over = budget.has_passed(share)
+        self._is_reviewed = is_reviewed
         self._pairs: list[Pair] = [(i, j) for i, j in problem.pairs.measured.tolist()]
         self._tried: set[Points] = set()
+        self._measured = Neighborhoods(problem.n_points, self._pairs, problem.dimension)
 
     def run(self) -> SolvedPatches | None:
         """Return the solved patches, None where no neighborhood is rigid."""
-        q, n_points = self._problem.dimension, self._problem.n_points
+        q = self._problem.dimension
         if q != 2:
             # In space few neighborhoods of so few points are rigid.
             return None
         seeds = [tuple(sorted(points_of(constraint))) for constraint in self._problem.constraints]
-        graph = Neighborhoods(n_points, self._pairs, q)
-        chosen = covering_patches(graph, self._pairs, seeds, PATCH_POINTS, self._is_over)
+        chosen = covering_patches(self._measured, self._pairs, seeds, PATCH_POINTS, self._is_over)
         n_unsolved = int(self._is_over())
         if max(map(len, chosen), default=0) <= q + 1 and not n_unsolved:
             return None
@@ -231,10 +239,9 @@ class PatchSolver:
             if empty is not None:
                 return SolvedPatches([empty], known)
             bodies = bodies_of([patch.points for patch in patches], q)
-            is_one_body = bool(bodies) and len(bodies[0]) == n_points
-            new = [] if is_one_body or self._is_over() else self._across_seams(known, bodies)
+            new = [] if self._is_over() else list(self._further(known, patches, bodies))
             if not new:
-                return SolvedPatches(patches, known, is_one_body, n_unsolved)
+                return SolvedPatches(patches, known, self._is_one(bodies), n_unsolved)
             patches += new
 
     def _solved(
@@ -270,13 +277,35 @@ class PatchSolver:
             if self._is_over() or not ambiguities.drop_unmatched():
                 return known, None
 
-    def _across_seams(self, known: KnownPairs, bodies: Sequence[set[int]]) -> list[Patch]:
-        """Return patches across the seams between bodies that were not tried before."""
+    def _further(
+        self, known: KnownPairs, patches: Sequence[Patch], bodies: Sequence[set[int]]
+    ) -> Iterator[Patch]:
+        """Yield patches across the seams between bodies, and about what is open."""
         q = self._problem.dimension
         graph = Neighborhoods(self._problem.n_points, map(tuple, known.pairs.tolist()), q)
-        seams = seam_patches(graph, bodies, q, self._is_over)
-        new = [points for points in dict.fromkeys(seams) if points not in self._tried]
-        self._tried.update(new)
-        solved = self._solved(new, known, MOST_SEAM_BOXES, all_or_nothing=True)
-        # One that takes many boxes is worth nothing, and nothing depends on it.
-        return [patch for patch in solved if not patch.pending]
+        seams = [] if self._is_one(bodies) else seam_patches(graph, bodies, q, self._is_over)
+        reviews = [
+            self._review(patch, graph)
+            for patch in patches
+            if self._is_reviewed and patch.left.sum() > 1 and not self._is_over()
+        ]
+        for chosen, most in ((seams, MOST_SEAM_BOXES), (reviews, MOST_REVIEW_BOXES)):
+            new = [points for points in dict.fromkeys(chosen) if points not in self._tried]
+            self._tried.update(new)
+            solved = self._solved([*filter(None, new)], known, most, all_or_nothing=True)
+            # One that takes many boxes is worth nothing, and nothing depends on it.
+            yield from (patch for patch in solved if not patch.pending)
+
+    def _is_one(self, bodies: Sequence[set[int]]) -> bool:
+        """Return whether one body has all points."""
+        return bool(bodies) and len(bodies[0]) == self._problem.n_points
+
+    def _review(self, patch: Patch, graph: Neighborhoods) -> Points:
+        """Return a patch and all that its most open point measures, or nothing."""
+        lengths = np.array([np.sqrt(h.lower) + np.sqrt(h.upper) for h in patch.remaining()])
+        # Its distances differ most between the hypotheses of the patch.
+        point = patch.points[int(np.argmax(np.ptp(lengths, axis=0).sum(axis=0)))]
+        seed = self._measured.neighbors[point].union(patch.points)
+        if not len(patch.points) < len(seed) <= REVIEW_POINTS:
+            return ()
+        return graph.rigid_part(graph.grown(seed, REVIEW_POINTS), patch.points)
