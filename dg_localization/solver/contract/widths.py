@@ -42,7 +42,7 @@ def excess(
 ) -> FloatArray:
     """Return the widths of pairs as multiples of what is allowed; 0 where they are unbounded."""
     low, high = box[LOWER], box[UPPER]
-    with np.errstate(invalid='ignore', over='ignore'):
+    with np.errstate(all='ignore'):
         middle_m = np.sqrt(0.5 * low + 0.5 * high)
         of_explained = (high - low) / (factor * explained + resolution_m * 2.0 * middle_m)
         of_others = (np.sqrt(high) - np.sqrt(low)) / resolution_m
