@@ -6,10 +6,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
+from concurrent.futures import Executor, Future
 from functools import cache
 import math
 import time
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +26,7 @@ from dg_localization.solver.problem import (
 from dg_localization.solver.result import Result, Statistics
 
 FloatArray = NDArray[np.float64]
+T = TypeVar('T')
 
 
 @default_environment()
@@ -88,7 +90,24 @@ def solve(
 
     load_kernels()
     boxes = None if within is None else _boxes(problem, within)
-    return solve_in_pieces(problem, Budget(options, cancel, progress, executor), boxes)
+    workers = None if executor is None else _Loading(executor)
+    return solve_in_pieces(problem, Budget(options, cancel, progress, workers), boxes)
+
+
+class _Loading(Executor):
+    """Has the workers of an executor load the kernels before their first task."""
+
+    def __init__(self, executor: Executor) -> None:
+        self._executor = executor
+
+    def submit(self, function: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
+        return self._executor.submit(_with_kernels, function, *args, **kwargs)
+
+
+def _with_kernels(function: Callable[..., T], *args: Any, **kwargs: Any) -> T:
+    """Return the result of a function, once the kernels are loaded."""
+    load_kernels()
+    return function(*args, **kwargs)
 
 
 def _boxes(

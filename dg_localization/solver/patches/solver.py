@@ -43,7 +43,6 @@ from dg_localization.solver.result import Hypothesis, Statistics
 from dg_localization.solver.search.branch_and_prune import Paving
 from dg_localization.solver.search.budget import Budget
 from dg_localization.solver.search.search import search
-from dg_localization.solver.solve import load_kernels
 
 PARTS_PER_TASK = 16
 """Parts of a task: enough that handing them over takes less time than they do."""
@@ -116,7 +115,6 @@ def solve_subproblems(
 @default_environment()
 def _solve_batch(parts: Sequence[Subproblem], options: SolverOptions) -> list[SolvedSubproblem]:
     """Solve parts one after another, in a worker; those that there is time for."""
-    load_kernels()
     budget = Budget(options)
     solved: list[SolvedSubproblem] = []
     for part in parts:
