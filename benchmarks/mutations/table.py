@@ -320,8 +320,8 @@ CONTRACT = [
         ('test/solver/test_sides.py', 'test/solver/test_fleet.py'),
         (
             'two chiralities of unequal sign count as equal',
-            'if signs[0] * signs[x] > 0:',
-            'if signs[0] * signs[x] < 0:',
+            'if known.sign == chiralities[0].sign else',
+            'if known.sign != chiralities[0].sign else',
         ),
     ),
 ]
