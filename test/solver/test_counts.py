@@ -14,9 +14,9 @@ import os
 
 import numpy as np
 import pytest
-from solver_cases import problem_of, squared_distances
+from solver_cases import bounds, problem_of, squared_distances
 
-from dg_localization import Chirality, Side, SideConstraint, SolverOptions, Verdict, solve
+from dg_localization import Chirality, Problem, Side, SideConstraint, SolverOptions, Verdict, solve
 
 COUNTED = int(os.environ.get('DG_PROPERTY_PROBLEMS', '400')) // 2
 APART_M = 2e-3
@@ -148,6 +148,28 @@ def test_every_placement_is_one_hypothesis():
             assert result.n_hypotheses == len(classes) == len(result.hypotheses), seed
             assert sorted(x for numbers in held for x in numbers) == [*range(len(classes))], seed
     assert n_exact > 0.6 * COUNTED
+
+
+def test_a_piece_that_may_be_flat_by_itself_and_is_not_beside_another():
+    """The base of a triangle is known within a range, and exactly by the piece beside it."""
+    rng, positions, measured = built_case(1000217)
+    found = placements_of(positions, measured)
+    ranges, sides, found = with_more(rng, positions, found)
+    result = solve(problem_of(positions, measured, ranges, sides=sides))
+    assert result.n_hypotheses == len(distinct(found)) == 8
+    assert not result.n_hypotheses_is_bound
+
+
+def test_a_piece_that_is_flat_beside_one_of_two_hypotheses():
+    positions = np.array([(0, 0), (4, 0), (1, 2), (2, 3), (2, 3)], dtype=float)
+    known = {pair: squared_distances(positions)[pair] for pair in ((0, 1), (0, 2), (1, 2))}
+    known |= {(0, 3): 13.0, (1, 3): 13.0, (2, 4): 0.16 * 26.0, (3, 4): 0.36 * 26.0}
+    # 2 and 3 are on the same side of the line through 0 and 1, or on different ones.
+    ranges = {pair: (value, value) for pair, value in known.items()} | {(2, 3): (1.0, 30.0)}
+    result = solve(Problem(*bounds(5, ranges), 2))
+    assert result.n_hypotheses_is_bound and result.n_hypotheses >= 3
+    apart_m2 = {round(float(h.lower[2, 3])) for h in result.hypotheses}
+    assert apart_m2 == {2, 26}
 
 
 FLAT = ((0, 0), (4, 0), (2, 0), (1, 2), (3, 2))

@@ -38,13 +38,12 @@ from dg_localization.solver.contract.sides import farthest_apex
 from dg_localization.solver.decompose.graph import BoolArray, Pair, Points, pairs_of
 from dg_localization.solver.decompose.rigid_components import RANK_TOLERANCE
 from dg_localization.solver.problem import Problem, Side, SideConstraint, points_of
-from dg_localization.solver.result import Hypothesis, Joint, JointKind
+from dg_localization.solver.result import Joint, JointKind
 from dg_localization.solver.search.budget import Budget
 from dg_localization.solver.search.search import contracted
 
 MOST_PAIRS = 4096
 """Pieces with more pairs of hypotheses than this are not compared: all of them go together."""
-
 
 MOST_APEXES = 8
 """In a piece of more than `MOST_CONTRACTED` points, so many about a face are looked at."""
@@ -84,7 +83,8 @@ class Linker:
 
     def _sites(self, joints: Sequence[Joint]) -> list[Site]:
         """Return the sites: joints that flat pieces connect are one."""
-        apexes = [self._apexes(joint) for joint in joints]
+        found = [self._apexes(joint) for joint in joints]
+        apexes = [known for known, _ in found]
         group = list(range(len(joints)))
         flat_at: dict[tuple[int, int], int] = {}
         for number, joint in enumerate(joints):
@@ -104,6 +104,7 @@ class Linker:
                 site = Site(joint.points, list(joint.pieces), apexes[root])
             else:
                 site = self._site_of([joints[x] for x in numbers], [apexes[x] for x in numbers])
+            site.lost = site.lost.union(*(found[x][1] for x in numbers)) - site.apexes.keys()
             # All others say on which side of the first they lie.
             is_open = {x: site.n_certain(x) < self._n(x) for x in site.members}
             site.members.sort(key=is_open.__getitem__)
@@ -111,19 +112,40 @@ class Linker:
             sites.append(site)
         return sites
 
-    def _apexes(self, joint: Joint) -> Apexes:
-        """Return the apexes of the hypotheses at a face; without time all sides are open."""
+    def _apexes(self, joint: Joint) -> tuple[Apexes, set[tuple[int, int]]]:
+        """
+        Return the apexes of the hypotheses at a face, and which have one with some others alone.
+
+        The other pieces at the face bound its distances, too. Without time all sides are open.
+        """
         apexes: Apexes = {}
+        partly: set[tuple[int, int]] = set()
         for number in joint.pieces:
             piece = self._pieces[number]
-            for x, hypothesis in enumerate(piece.hypotheses):
+            others = [self._pieces[other] for other in joint.pieces if other != number]
+            face = bounds_within(joint.points, [other.among(joint.points) for other in others])
+            for x in range(self._n(number)):
                 if self._budget.is_over():
-                    return apexes
-                # A placement is sought once for all: most points are near the face in each.
-                apex = apex_of(piece.points, hypothesis, joint.points, piece.hypotheses[0])
+                    return apexes, partly
+                apex = apex_of(piece, x, joint.points, face)
                 if apex is not None:
                     apexes[number, x] = apex
-        return apexes
+                elif self._has_apex_with_some(piece, x, joint.points, others):
+                    partly.add((number, x))
+        return apexes, partly
+
+    def _has_apex_with_some(
+        self, piece: SolvedPiece, x: int, face: Points, others: Sequence[SolvedPiece]
+    ) -> bool:
+        """Return whether a hypothesis has an apex with one of several that another piece has."""
+        for other in others:
+            n_others = len(other.hypotheses)
+            if n_others > 1 and n_others * len(piece.hypotheses) <= MOST_PAIRS:
+                for y in range(n_others):
+                    bounds = bounds_within(face, [other.among(face, y)])
+                    if apex_of(piece, x, face, bounds) is not None:
+                        return True
+        return False
 
     def _site_of(self, joints: Sequence[Joint], apexes: Sequence[Apexes]) -> Site:
         """Return one site of joints with flat pieces between them, its face the most decisive."""
@@ -312,21 +334,19 @@ def best_apex(bounds: Bounds, points: Points, face: Points, others: list[int]) -
     return points[best] if best >= 0 else None
 
 
-def apex_of(
-    points: Points, hypothesis: Hypothesis, face: Points, guide: Hypothesis | None = None
-) -> int | None:
-    """Return a point of a piece that is off the hyperplane of a face in every placement."""
+def apex_of(piece: SolvedPiece, x: int, face: Points, bounds: Bounds) -> int | None:
+    """Return a point that is off the hyperplane of a face in every placement of a hypothesis."""
+    points = piece.points
     others = [point for point in points if point not in face]
     if len(points) > MOST_CONTRACTED:
-        positions = (guide or hypothesis).positions
+        # A placement is sought once for all: most points are near the face in each.
+        positions = piece.hypotheses[0].positions
         if positions is None:
             return None
         place = {point: x for x, point in enumerate(points)}
         center = positions[[place[point] for point in face]].mean(axis=0)
         away = ((positions[[place[point] for point in others]] - center) ** 2).sum(axis=1)
         others = [others[x] for x in np.argsort(away)[:MOST_APEXES]]
-        points = (*face, *others)
-        bounds = hypothesis.bounds_among([place[point] for point in points])
-    else:
-        bounds = hypothesis.lower, hypothesis.upper
-    return best_apex(bounds, points, face, others)
+        points = tuple(sorted((*face, *others)))
+    known = bounds_within(points, [piece.among(points, x), (face, bounds)])
+    return best_apex(known, points, face, others)
