@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, field
+from dataclasses import dataclass, field
 from enum import Enum
 from operator import add
 from typing import Protocol
@@ -46,7 +46,7 @@ class Statistics:
     seconds: float = 0.0
 
     def __add__(self, other: Statistics) -> Statistics:
-        return Statistics(*map(add, astuple(self), astuple(other)))
+        return Statistics(*map(add, vars(self).values(), vars(other).values()))
 
 
 @dataclass(frozen=True)

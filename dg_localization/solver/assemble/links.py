@@ -127,7 +127,9 @@ class Linker:
             for x in range(self._n(number)):
                 if self._budget.is_over():
                     return apexes, partly
-                apex = apex_of(piece, x, joint.points, face)
+                apex = apex_of(piece, x, joint.points)
+                if apex is None:
+                    apex = apex_of(piece, x, joint.points, face)
                 if apex is not None:
                     apexes[number, x] = apex
                 elif self._has_apex_with_some(piece, x, joint.points, others):
@@ -334,9 +336,9 @@ def best_apex(bounds: Bounds, points: Points, face: Points, others: list[int]) -
     return points[best] if best >= 0 else None
 
 
-def apex_of(piece: SolvedPiece, x: int, face: Points, bounds: Bounds) -> int | None:
+def apex_of(piece: SolvedPiece, x: int, face: Points, of_face: Bounds | None = None) -> int | None:
     """Return a point that is off the hyperplane of a face in every placement of a hypothesis."""
-    points = piece.points
+    points, hypothesis = piece.points, piece.hypotheses[x]
     others = [point for point in points if point not in face]
     if len(points) > MOST_CONTRACTED:
         # A placement is sought once for all: most points are near the face in each.
@@ -348,5 +350,9 @@ def apex_of(piece: SolvedPiece, x: int, face: Points, bounds: Bounds) -> int | N
         away = ((positions[[place[point] for point in others]] - center) ** 2).sum(axis=1)
         others = [others[x] for x in np.argsort(away)[:MOST_APEXES]]
         points = tuple(sorted((*face, *others)))
-    known = bounds_within(points, [piece.among(points, x), (face, bounds)])
-    return best_apex(known, points, face, others)
+        bounds = hypothesis.bounds_among([place[point] for point in points])
+    else:
+        bounds = hypothesis.lower, hypothesis.upper
+    if of_face is not None:
+        bounds = bounds_within(points, [(points, bounds), (face, of_face)])
+    return best_apex(bounds, points, face, others)

@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from dg_localization.interval.kernels import kernel
@@ -37,17 +39,25 @@ def relative_error(box: FloatArray, i: int, j: int) -> float:
     return 1.0 - box[LOWER, i, j] / max(box[UPPER, i, j], 1e-300)
 
 
+@kernel
 def excess(
     box: FloatArray, explained: FloatArray, factor: float, resolution_m: float
 ) -> FloatArray:
-    """Return the widths of pairs as multiples of what is allowed; 0 where they are unbounded."""
-    low, high = box[LOWER], box[UPPER]
-    with np.errstate(all='ignore'):
-        middle_m = np.sqrt(0.5 * low + 0.5 * high)
-        of_explained = (high - low) / (factor * explained + resolution_m * 2.0 * middle_m)
-        of_others = (np.sqrt(high) - np.sqrt(low)) / resolution_m
-    times = np.where(explained > 0.0, of_explained, of_others)
-    return np.where(high < np.inf, times, 0.0)
+    """Return widths of pairs i < j as multiples of what is allowed; 0 where they are unbounded."""
+    n_points = box.shape[1]
+    times = np.zeros((n_points, n_points))
+    for i in range(n_points):
+        for j in range(i + 1, n_points):
+            low, high = box[LOWER, i, j], box[UPPER, i, j]
+            if high == np.inf:
+                continue
+            if explained[i, j] > 0.0:
+                middle_m = math.sqrt(0.5 * low + 0.5 * high)
+                allowed_m2 = factor * explained[i, j] + resolution_m * 2.0 * middle_m
+                times[i, j] = (high - low) / allowed_m2
+            else:
+                times[i, j] = (math.sqrt(high) - math.sqrt(low)) / resolution_m
+    return times
 
 
 def is_finished(
