@@ -85,7 +85,15 @@ class MarkerScene:
 
 
 def marker_scene_to_cdr(scene: MarkerScene) -> bytes:
-    """Write a serialized `visualization_msgs/MarkerArray`: "delete all", then the markers."""
+    """
+    Write a serialized `visualization_msgs/MarkerArray`: first "delete all", then the markers.
+
+    Raises
+    ------
+    ValueError
+        If a marker has not as many colors as points.
+
+    """
     writer = CdrWriter()
     writer.uint32(1 + len(scene.markers))
     nothing = Marker('', 0, Shape.NONE, np.zeros((0, 3)), np.zeros((0, 4)), 0.0)
@@ -98,6 +106,10 @@ def marker_scene_to_cdr(scene: MarkerScene) -> bytes:
 def _write_marker(
     writer: CdrWriter, marker: Marker, scene: MarkerScene, action: int, lifetime_s: float
 ) -> None:
+    if len(marker.colors_rgba) != len(marker.points_m):
+        raise ValueError(
+            f'marker {marker.namespace}/{marker.identifier} needs a color for each point'
+        )
     is_text = marker.shape is Shape.TEXT
     writer.header(scene.stamp_s, scene.frame_id)
     writer.string(marker.namespace)

@@ -103,7 +103,17 @@ def pose_array_to_cdr(poses: PoseList) -> bytes:
 
 
 def uncertain_pose_to_cdr(estimate: UncertainPose) -> bytes:
-    """Write a serialized `geometry_msgs/PoseWithCovarianceStamped`."""
+    """
+    Write a serialized `geometry_msgs/PoseWithCovarianceStamped`.
+
+    Raises
+    ------
+    ValueError
+        If the covariance is not of shape (6, 6).
+
+    """
+    if np.shape(estimate.covariance) != (6, 6):
+        raise ValueError(f'covariance has shape {np.shape(estimate.covariance)}, not (6, 6)')
     writer = CdrWriter(estimate.stamp_s, estimate.frame_id)
     writer.numbers(estimate.position_xyz, estimate.orientation_xyzw, estimate.covariance)
     return writer.to_bytes()

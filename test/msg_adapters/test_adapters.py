@@ -163,6 +163,11 @@ def test_message_serialized_without_being_made_is_read_whole(type_name, text):
 def test_what_does_not_fit_is_refused():
     with pytest.raises(ValueError):
         pose_array_to_cdr(PoseList(1.0, 'm', np.ones((2, 3)), np.ones((1, 4))))
+    with pytest.raises(ValueError, match=r'covariance has shape \(3, 3\)'):
+        uncertain_pose_to_cdr(UncertainPose(1.0, 'm', np.ones(3), np.ones(4), np.ones((3, 3))))
+    marker = Marker('robots', 4, Shape.SPHERE_LIST, np.ones((2, 3)), np.ones((1, 4)), 0.1)
+    with pytest.raises(ValueError, match='robots/4 needs a color'):
+        marker_scene_to_cdr(MarkerScene(1.0, 'm', (marker,)))
     with pytest.raises(ValueError, match='stamp nan s is not finite'):
         pose_array_to_cdr(PoseList(math.nan, 'm', np.ones((1, 3)), np.ones((1, 4))))
 
