@@ -56,11 +56,6 @@ def quaternion_product(first_xyzw: FloatArray, second_xyzw: FloatArray) -> Float
     return np.array([*vector, a * b - first @ second])
 
 
-def inverse_quaternion(quaternion_xyzw: FloatArray) -> FloatArray:
-    """Return the inverse of a unit quaternion."""
-    return quaternion_xyzw * (-1.0, -1.0, -1.0, 1.0)
-
-
 def rotation_angle_rad(rotation: np.ndarray) -> float:
     """Return the angle of a rotation matrix, in [0, pi]."""
     axis = np.array(

@@ -28,7 +28,7 @@ LOW, HIGH = 0, 1
 MOST_EXCHANGES = 60
 
 SMALLEST_WIDTH = 1e-13
-"""Rows that are bounded exactly count as having this relative width."""
+"""What is bounded exactly counts as having this relative width, so that weights stay finite."""
 
 LEAST_ENTRY = 1e-7
 """An entry below this fraction of the largest in its row is no pivot."""
@@ -128,7 +128,9 @@ def activate_well_known(programs: LinearPrograms) -> bool:
 
 
 @kernel(borrows=True)
-def _leaving_row(programs: LinearPrograms, displaced: np.ndarray, tolerance: float) -> int:
+def _leaving_row(
+    programs: LinearPrograms, displaced: np.ndarray, tolerance: float, widest: float
+) -> int:
     """Return the row that leaves its bounds farthest, -1 where none does clearly."""
     bounds, values = programs.bounds, programs.values
     values[:] = 0.0
@@ -136,9 +138,6 @@ def _leaving_row(programs: LinearPrograms, displaced: np.ndarray, tolerance: flo
         slopes, ends = programs.slopes[slot], programs.ends[slot]
         for m in range(len(values)):
             values[m] += slopes[m] * displaced[ends[m]]
-    widest = 0.0
-    for m in range(len(values)):
-        widest = max(widest, bounds[m, HIGH] - bounds[m, LOW])
     row, farthest = -1, 0.0
     for m in range(len(values)):
         low, high = bounds[m, LOW], bounds[m, HIGH]
@@ -214,11 +213,12 @@ def find_multipliers(programs: LinearPrograms, tolerance: float) -> None:
     scale = np.abs(function).max()
     for c in range(n_unknowns):
         untied[c] = function[c] + PERTURBATION * scale * ((c * GOLDEN) % 1.0 - 0.5)
+    widest = (programs.bounds[:, HIGH] - programs.bounds[:, LOW]).max()
     vertex, displaced = np.zeros(n_unknowns), np.zeros(n_unknowns + 1)
     entries, ratios = np.empty(n_unknowns), np.empty(n_unknowns)
     for _ in range(MOST_EXCHANGES):
         _move_to_vertex(programs, vertex, displaced)
-        row = _leaving_row(programs, displaced, tolerance)
+        row = _leaving_row(programs, displaced, tolerance, widest)
         if row < 0:
             break
         value = programs.values[row]

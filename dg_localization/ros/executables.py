@@ -112,7 +112,7 @@ def print_result(text: str) -> None:
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Name what cannot be written: a full disk does not."""
+    """Raise `ExecutableError` with the path where it cannot be written, as on a full disk."""
     try:
         yield
     except OSError as error:

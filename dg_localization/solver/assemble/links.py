@@ -123,12 +123,14 @@ class Linker:
         for number in joint.pieces:
             piece = self._pieces[number]
             others = [self._pieces[other] for other in joint.pieces if other != number]
-            face = bounds_within(joint.points, [other.among(joint.points) for other in others])
             for x in range(self._n(number)):
                 if self._budget.is_over():
                     return apexes, partly
+                # Mostly the piece shows it by itself.
                 apex = apex_of(piece, x, joint.points)
                 if apex is None:
+                    parts = [other.among(joint.points) for other in others]
+                    face = bounds_within(joint.points, parts)
                     apex = apex_of(piece, x, joint.points, face)
                 if apex is not None:
                     apexes[number, x] = apex
@@ -345,10 +347,10 @@ def apex_of(piece: SolvedPiece, x: int, face: Points, of_face: Bounds | None = N
         positions = piece.hypotheses[0].positions
         if positions is None:
             return None
-        place = {point: x for x, point in enumerate(points)}
+        place = {point: row for row, point in enumerate(points)}
         center = positions[[place[point] for point in face]].mean(axis=0)
         away = ((positions[[place[point] for point in others]] - center) ** 2).sum(axis=1)
-        others = [others[x] for x in np.argsort(away)[:MOST_APEXES]]
+        others = [others[row] for row in np.argsort(away)[:MOST_APEXES]]
         points = tuple(sorted((*face, *others)))
         bounds = hypothesis.bounds_among([place[point] for point in points])
     else:

@@ -28,6 +28,7 @@ import numpy as np
 from dg_localization.interval.kernels import kernel
 from dg_localization.interval.rounding import down, rounding_error, up
 from dg_localization.interval.scalars import add, square, sub
+from dg_localization.interval.simplex import SMALLEST_WIDTH
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, narrow
 from dg_localization.solver.contract.coordinates import enclose_in_frame
 
@@ -37,9 +38,6 @@ GRID_BITS = 24
 SMALLEST_EXTENT_M = 2.0**-400
 LARGEST_EXTENT_M = 2.0**400
 """Between these, squares of multiples of the grid neither underflow nor overflow."""
-
-SMALLEST_WIDTH = 1e-13
-"""Exact distances count as having this relative error, so that weights stay finite."""
 
 
 @kernel(inlined=True)

@@ -18,9 +18,9 @@ import numpy as np
 
 from dg_localization.interval.kernels import kernel
 from dg_localization.interval.scalars import sub
+from dg_localization.interval.simplex import SMALLEST_WIDTH
 from dg_localization.solver.box import LOWER, UPPER, FloatArray
 from dg_localization.solver.contract.linearization import (
-    SMALLEST_WIDTH,
     Linearization,
     bound_linear_function,
     combined_width,
