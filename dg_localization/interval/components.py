@@ -69,5 +69,7 @@ def components(boxes: np.ndarray, period: float = math.inf) -> list[np.ndarray]:
     last coordinate may be an angle that is the same again after a period.
     """
     parents = np.arange(len(boxes))
+    if len(boxes) < 2:
+        return [parents] * len(boxes)
     _join_touching(boxes, np.argsort(boxes[:, LOW, 0], kind='stable'), period, parents)
     return [np.flatnonzero(parents == first) for first in np.unique(parents)]

@@ -123,14 +123,16 @@ class Linker:
         for number in joint.pieces:
             piece = self._pieces[number]
             others = [self._pieces[other] for other in joint.pieces if other != number]
+            face: Bounds | None = None
             for x in range(self._n(number)):
                 if self._budget.is_over():
                     return apexes, partly
                 # Mostly the piece shows it by itself.
                 apex = apex_of(piece, x, joint.points)
                 if apex is None:
-                    parts = [other.among(joint.points) for other in others]
-                    face = bounds_within(joint.points, parts)
+                    if face is None:
+                        parts = [other.among(joint.points) for other in others]
+                        face = bounds_within(joint.points, parts)
                     apex = apex_of(piece, x, joint.points, face)
                 if apex is not None:
                     apexes[number, x] = apex

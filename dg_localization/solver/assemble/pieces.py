@@ -224,13 +224,15 @@ class PieceSolver:
         """Return the bounds that earlier pieces put on pairs of one which nothing measured."""
         choices: list[list[Ranges]] = []
         for joint in self._joints_of[number]:
+            solved = next((self._solved[x] for x in joint.pieces if x in self._solved), None)
+            if solved is None:
+                continue
             face = pairs_of(joint.points)
             ends = np.array(face, dtype=np.int64).reshape(-1, 2).T
             upper = self._problem.pairs.of(*ends)[1]
             pairs = [pair for pair, high in zip(face, upper, strict=True) if math.isinf(high)]
-            others = [self._solved[x] for x in joint.pieces if x in self._solved]
-            if pairs and others:
-                choices.append(others[0].ranges_of(pairs))
+            if pairs:
+                choices.append(solved.ranges_of(pairs))
         # The patches of a large piece hold all placements at once.
         most = 1 if len(self._points[number]) > MOST_CONTRACTED else MOST_RANGES
         while math.prod(len(ranges) for ranges in choices) > most:

@@ -96,7 +96,8 @@ def bounds_within(points: Points, parts: Iterable[tuple[Points, Bounds]]) -> Bou
     lower = np.zeros((len(points), len(points)))
     upper = np.full_like(lower, np.inf)
     for members, (low, high) in parts:
-        index = np.ix_(*[np.searchsorted(points, members)] * 2)
+        place = np.searchsorted(points, members)
+        index = place[:, None], place
         lower[index] = np.maximum(lower[index], low)
         upper[index] = np.minimum(upper[index], high)
     np.fill_diagonal(upper, 0.0)

@@ -12,17 +12,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import nullcontext
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from dg_localization.interval.kernels import COMPILED, WORK_PER_LOOK, until
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, Status, sub_box
-from dg_localization.solver.contract.linear import combine, groups_of
+from dg_localization.solver.contract.linear import Group, combine, groups_of
 from dg_localization.solver.contract.local_frames import contract_in_frame
 from dg_localization.solver.contract.reduction import (
     MOST_THROUGH,
     SMALL_FLEET,
+    Workspace,
     apply_axes,
     make_workspace,
 )
@@ -117,29 +119,41 @@ class Contractor:
         n_points, dimension = problem.n_points, problem.dimension
         self.problem = problem
         self.is_convex = _is_convex(problem)
-        self._axes = axes_of(problem)
         self._whole = np.zeros((4, n_points, n_points))
         self._whole[LOWER], self._whole[UPPER] = problem.lower, problem.upper
         self._is_possible = smooth(self._whole)
-        self._groups = groups_of(problem, self._whole)
-        self._n_measured = sum(len(group.edges) for group in self._groups)
         self._resolution_m = resolution_m
         self._most_sweeps = MAX_QUICK_SWEEPS if is_quick else MAX_SWEEPS
-        # After this many axes of a sweep the measured pairs are combined.
-        at_once = is_quick or n_points <= SMALL_FLEET
-        self._axes_per_test = max(1, len(self._axes)) if at_once else n_points // 2
-        work = make_workspace(n_points, dimension)
-        self._scratch = (*work, *sides_of(problem), dimension)
-        self._box, self._points, self._distance = work.box, work.points, work.distance
+        # All axes of a sweep are applied before the measured pairs are combined.
+        self._is_at_once = is_quick or n_points <= SMALL_FLEET
         self._local_sweeps = _local_sweeps(n_points, dimension)
         # How many axes are tried with all points before a box with a gap is split.
         has_many = dimension == 3 or MOST_THROUGH < n_points <= 30
         self._axes_before_split = (2 if has_many else 12) * n_points
-        self._widths_of_sweep = np.zeros((n_points, n_points))
-        self._widths_of_test = np.zeros((n_points, n_points))
         triples = n_points**2 * min(n_points, MOST_THROUGH)
         triples *= n_points if dimension == 3 else 1
         self._axes_per_look = max(1, WORK_PER_LOOK // triples)
+
+    # A box of three points needs none of these.
+    @cached_property
+    def _axes(self) -> IntArray:
+        return axes_of(self.problem)
+
+    @cached_property
+    def _groups(self) -> list[Group]:
+        return groups_of(self.problem, self._whole)
+
+    @cached_property
+    def _n_measured(self) -> int:
+        return sum(len(group.edges) for group in self._groups)
+
+    @cached_property
+    def _work(self) -> Workspace:
+        return make_workspace(self.problem.n_points, self.problem.dimension)
+
+    @cached_property
+    def _scratch(self) -> tuple[Any, ...]:
+        return (*self._work, *sides_of(self.problem), self.problem.dimension)
 
     def whole(self) -> FloatArray | None:
         """Return the box of the problem itself, None where the triangles prove it to be empty."""
@@ -147,14 +161,15 @@ class Contractor:
 
     def contract(self, box: FloatArray, stopped: Callable[[], bool] = _never) -> Pruned:
         """Contract a box until nothing gains much."""
-        n_points = self.problem.n_points
-        # The points may still be in the order of the last axis of another box.
-        self._box[:], self._points[:] = box, np.arange(n_points)
-        explained = np.zeros((n_points, n_points))
-        status, left = Status.UNFINISHED, box
+        status, left, explained = Status.UNFINISHED, box, np.zeros_like(box[LOWER])
         with leave_early(stopped):
-            status = self._sweep_to_fixed_point(explained, stopped)
-            left = self._box.copy()
+            if self.is_convex:
+                left = box.copy()
+                status = Status.CONTRACTED if smooth(left) else Status.EMPTY
+            else:
+                self._take(box)
+                status = self._sweep_to_fixed_point(explained, stopped)
+                left = self._work.box.copy()
             if status is Status.CONTRACTED:
                 if not chiralities_are_possible(left, self.problem.chiralities):
                     status = Status.EMPTY
@@ -162,9 +177,13 @@ class Contractor:
 
     def projected(self, box: FloatArray, count: int) -> FloatArray | None:
         """Return what is left after `count` points were projected along the best known axes."""
-        self._box[:], self._points[:] = box, np.arange(len(self._points))
+        self._take(box)
         axes = rank_axes(box, self._axes)[: self._n_measured]
-        return self._box.copy() if apply_axes(*self._scratch, axes, count) else None
+        return self._work.box.copy() if apply_axes(*self._scratch, axes, count) else None
+
+    def _take(self, box: FloatArray) -> None:
+        """Write a box into the scratch arrays, its points in their own order."""
+        self._work.box[:], self._work.points[:] = box, self._work.in_order
 
     def narrow_in_frame(
         self, box: FloatArray, positions: FloatArray, pairs: IntArray, explained: FloatArray
@@ -202,21 +221,21 @@ class Contractor:
 
     def _sweep_to_fixed_point(self, explained: FloatArray, stopped: Callable[[], bool]) -> Status:
         """Sweep over all axes until the box is finished or a sweep gains little."""
-        box = self._box
+        box = self._work.box
         for sweep in range(self._most_sweeps):
-            if sweep < SMOOTHED_SWEEPS and not smooth_triangles(box, self._distance, self._points):
+            if sweep < SMOOTHED_SWEEPS and not smooth_triangles(
+                box, self._work.distance, self._work.points
+            ):
                 return Status.EMPTY
-            if self.is_convex:
-                return Status.CONTRACTED
             axes = rank_axes(box, self._axes)
             if sweep < len(self._local_sweeps):
                 # The best axes are the measured pairs and what they soon reveal.
                 best = axes[: self._n_measured]
                 status = self._project(best, self._local_sweeps[sweep], stopped)
             else:
-                np.subtract(box[UPPER], box[LOWER], out=self._widths_of_sweep)
+                widths = box[UPPER] - box[LOWER]
                 status = self._project_and_combine(axes, explained, stopped)
-                if status is None and largest_gain(box, self._widths_of_sweep) < LEAST_GAIN:
+                if status is None and largest_gain(box, widths) < LEAST_GAIN:
                     return Status.CONTRACTED
             if status is not None:
                 return status
@@ -226,12 +245,13 @@ class Contractor:
         self, axes: IntArray, explained: FloatArray, stopped: Callable[[], bool]
     ) -> Status | None:
         """Apply all axes, and test the box after every few; None when there is more to gain."""
-        box = self._box
+        box = self._work.box
         enough = min(len(axes), self._axes_before_split)
+        per_test = max(1, len(axes) if self._is_at_once else self.problem.n_points // 2)
         n_idle = 0
-        for first in range(0, max(1, len(axes)), self._axes_per_test):
-            some = axes[first : first + self._axes_per_test]
-            np.subtract(box[UPPER], box[LOWER], out=self._widths_of_test)
+        for first in range(0, max(1, len(axes)), per_test):
+            some = axes[first : first + per_test]
+            widths = box[UPPER] - box[LOWER]
             status = self._project(some, self.problem.n_points, stopped)
             if status is not None:
                 return status
@@ -245,7 +265,7 @@ class Contractor:
                 return Status.CONTRACTED
             if stopped():
                 return Status.UNFINISHED
-            n_idle = n_idle + 1 if largest_gain(box, self._widths_of_test) < LEAST_GAIN else 0
+            n_idle = n_idle + 1 if largest_gain(box, widths) < LEAST_GAIN else 0
             if n_idle == MOST_IDLE_TESTS:
                 return Status.CONTRACTED
         return None

@@ -66,7 +66,7 @@ class Workspace(NamedTuple):
 def make_workspace(n_points: int, dimension: int) -> Workspace:
     """Allocate the scratch arrays for `n_points` in `dimension`."""
     levels = max(1, dimension - 1)
-    rows = Rows._make(np.stack([part] * levels) for part in make_rows(n_points))
+    rows = Rows._make(np.zeros((levels, *p.shape), p.dtype) for p in make_rows(n_points))
     shape = rows.across.shape[2:]
     return Workspace(
         np.zeros((4, n_points, n_points)),

@@ -22,6 +22,7 @@ import numpy as np
 from dg_localization.interval.kernels import WORK_OF_A_STEP, look_after
 from dg_localization.solver.box import FloatArray, IntArray
 from dg_localization.solver.decompose.graph import BoolArray, Pair, Points
+from dg_localization.solver.pair_bounds import pairs_among
 
 PRIME = 2**31 - 1
 """The sum of two products of residues fits into 64 bits."""
@@ -52,28 +53,26 @@ def is_flexible(positions: FloatArray, measured: BoolArray) -> bool:
     """
     Return whether the measured distances leave a placement free to move, at least to first order.
 
-    The stiffness matrix of springs of one strength in place of the measured pairs has the rank of
-    the rigidity matrix. Its kernel holds the motions of the whole fleet and, where the rank is
-    lower than in general position, motions that no measurement resists: a flex.
+    Where the rank of the rigidity matrix is lower than in general position, there are motions
+    besides those of the whole fleet that no measurement resists: a flex.
     """
     n_points, dimension = positions.shape
-    i, j = np.nonzero(np.triu(measured, 1))
+    rows, columns = pairs_among(n_points)
+    i, j = rows[measured[rows, columns]], columns[measured[rows, columns]]
     rank = rigid_rank(n_points, dimension)
-    if len(i) == n_points * (n_points - 1) // 2:
+    if len(i) == len(rows):
         return False
     if len(i) < rank:
         return True
-    look_after(positions.size**3 // 10)
+    look_after(len(i) * positions.size**2 // 10)
     # Squares must not overflow; points that coincide resist no motion.
-    scaled = positions / (np.abs(positions).max() or 1.0)
-    arms = scaled[i] - scaled[j]
-    lengths = np.linalg.norm(arms, axis=1, keepdims=True)
-    units = np.divide(arms, lengths, out=np.zeros_like(arms), where=lengths > 0.0)
-    stiffness = np.zeros((n_points, n_points, dimension, dimension))
-    stiffness[i, j] = stiffness[j, i] = -units[:, :, None] * units[:, None]
-    stiffness[range(n_points), range(n_points)] = -stiffness.sum(axis=1)
-    matrix = stiffness.transpose(0, 2, 1, 3).reshape(positions.size, positions.size)
-    strengths = np.linalg.eigvalsh(matrix)
+    arms = (positions[i] - positions[j]) / (np.abs(positions).max() or 1.0)
+    lengths = np.sqrt((arms * arms).sum(axis=1))
+    units = arms / np.where(lengths > 0.0, lengths, 1.0)[:, None]
+    matrix, number = np.zeros((len(i), n_points, dimension)), np.arange(len(i))
+    matrix[number, i], matrix[number, j] = units, -units
+    matrix = matrix.reshape(len(i), positions.size)
+    strengths = np.linalg.eigvalsh(matrix.T @ matrix)
     return bool(np.count_nonzero(strengths > RANK_TOLERANCE**2) < rank)
 
 

@@ -14,7 +14,6 @@ from dg_localization.interval.environment import default_environment
 from dg_localization.solver.assemble.subproblem import Bounds, parts_within
 from dg_localization.solver.box import FloatArray
 from dg_localization.solver.decompose.rigid_components import is_flexible
-from dg_localization.solver.pair_bounds import PairBounds
 from dg_localization.solver.patches.chains import ChainGraph
 from dg_localization.solver.patches.known_pairs import Ambiguities
 from dg_localization.solver.patches.solver import SolvedPatches
@@ -215,9 +214,7 @@ class PatchAnswers:
 
     def _is_within(self, positions: FloatArray, choice: Mapping[int, int]) -> bool:
         """Prove that the known pairs of a placement agree with a choice of hypotheses."""
-        first, second = self._solved.known.pairs.T
-        keys = first * len(positions) + second
-        return pairs_lie_within(PairBounds(len(positions), keys, *self._chosen(choice)), positions)
+        return pairs_lie_within(self._solved.known.pairs, *self._chosen(choice), positions)
 
     def _is_flexible(self, placed: Placement, stopped: Callable[[], bool]) -> bool:
         """Return whether a placement can move; also where that takes too long to examine."""

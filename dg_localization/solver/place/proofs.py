@@ -17,33 +17,40 @@ from dg_localization.interval.arrays import Interval, determinant
 from dg_localization.interval.kernels import kernel
 from dg_localization.interval.rounding import down, square_down, square_up, up
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
-from dg_localization.solver.pair_bounds import PairBounds, pairs_among
+from dg_localization.solver.pair_bounds import pairs_among
 from dg_localization.solver.problem import Problem
 
 
 @kernel
-def _squared_distances(positions: FloatArray, pairs: IntArray) -> FloatArray:
-    """Enclose the squared distances of pairs, shape (2, m)."""
-    squared = np.zeros((2, len(pairs)))
-    for x in range(len(pairs)):
+def _first_not_inside(
+    positions: FloatArray, pairs: IntArray, lower: FloatArray, upper: FloatArray, first: int
+) -> tuple[int, bool]:
+    """
+    Return the first pair whose squared distance is not proved to lie within its bounds.
+
+    The count of the pairs where there is none; also whether it is proved to lie outside.
+    """
+    for x in range(first, len(pairs)):
+        least, most = 0.0, 0.0
         for axis in range(positions.shape[1]):
             arm = abs(positions[pairs[x, 0], axis] - positions[pairs[x, 1], axis])
-            squared[LOWER, x] = down(squared[LOWER, x] + square_down(max(0.0, down(arm))))
-            squared[UPPER, x] = up(squared[UPPER, x] + square_up(up(arm)))
-    return squared
+            least = down(least + square_down(max(0.0, down(arm))))
+            most = up(most + square_up(up(arm)))
+        if least < lower[x] or most > upper[x]:
+            return x, most < lower[x] or least > upper[x]
+    return len(pairs), False
 
 
-def pairs_lie_within(bounded: PairBounds, positions: FloatArray) -> bool:
+def pairs_lie_within(
+    pairs: IntArray, lower: FloatArray, upper: FloatArray, positions: FloatArray
+) -> bool:
     """Prove that the squared distances of some pairs of a finite placement lie in their bounds."""
-    least, most = _squared_distances(positions, bounded.pairs)
-    if ((most < bounded.lower) | (least > bounded.upper)).any():
-        return False
-    is_open = (least < bounded.lower) | (most > bounded.upper)
-    ends = (values[is_open].tolist() for values in (bounded.pairs, bounded.lower, bounded.upper))
-    return all(
-        low <= _exact_squared(positions[pair]) <= high
-        for pair, low, high in zip(*ends, strict=True)
-    )
+    x, is_outside = _first_not_inside(positions, pairs, lower, upper, 0)
+    while x < len(pairs):
+        if is_outside or not lower[x] <= _exact_squared(positions[pairs[x]]) <= upper[x]:
+            return False
+        x, is_outside = _first_not_inside(positions, pairs, lower, upper, x + 1)
+    return True
 
 
 def _exact_squared(ends: FloatArray) -> Fraction:
@@ -60,10 +67,9 @@ def lies_in(box: FloatArray, positions: FloatArray) -> bool:
     """
     if not np.isfinite(positions).all():
         return False
-    n_points = len(positions)
-    rows, columns = pairs_among(n_points)
-    ends = box[LOWER][rows, columns], box[UPPER][rows, columns]
-    return pairs_lie_within(PairBounds(n_points, rows * n_points + columns, *ends), positions)
+    rows, columns = pairs_among(len(positions))
+    ends = box[LOWER, rows, columns], box[UPPER, rows, columns]
+    return pairs_lie_within(np.column_stack([rows, columns]), *ends, positions)
 
 
 def chirality_signs(positions: FloatArray, simplices: IntArray) -> IntArray:
@@ -124,7 +130,10 @@ def agrees(problem: Problem, positions: FloatArray) -> bool:
     True is a proof: distances are compared after outward rounding and chiralities by the signs of
     determinants, or both in exact rationals where rounding leaves it open.
     """
-    if not (np.isfinite(positions).all() and pairs_lie_within(problem.pairs, positions)):
+    known = problem.pairs
+    if not np.isfinite(positions).all():
+        return False
+    if not pairs_lie_within(known.pairs, known.lower, known.upper, positions):
         return False
     simplices = [
         (*side.face, apex) for side in problem.sides for apex in (side.first, side.second)
