@@ -12,7 +12,7 @@ the start that does.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 import math
 from types import MappingProxyType
@@ -34,15 +34,16 @@ FloatArray = NDArray[np.float64]
 HALVINGS = 6
 """How often the way back to the start is halved."""
 
-FURTHER_STARTS = 3
+DRAWN_STARTS = 2
 MOST_BODIES = 30
 """Larger fleets have one start only: a fit takes the cube of their number."""
 
 MOST_EFFORT = 50_000_000
 """Most work on one problem: the sum of the cubes of the numbers that its fits change."""
 
-LEAST_SHARE = 0.999
-"""The result of a further start counts when its cost is below this share of the others'."""
+CLEAR_GAIN = 1e-3
+"""A later start counts where its cost is lower by this part of the others', or of 1: costs near
+zero differ by rounding errors, and these by the processor."""
 
 LEAST_WIDTH_M = 1e-9
 """What the enclosure leaves less of is given by the frame, but for rounding."""
@@ -151,11 +152,13 @@ class BestPointFinder:
         misfits: tuple[Misfit, ...] = ()
         if past is None:
             spread, terms = None, self._terms
-            fit = fit_terms(terms, bodies)
             has_more = among is None and len(start_m) <= MOST_BODIES
-            for other_m in _further_starts(start_m, enclosure) if has_more else ():
-                other = fit_terms(terms, self._bodies(other_m, enclosure))
-                fit = other if other.cost < LEAST_SHARE * fit.cost else fit
+            starts = _starts(start_m, enclosure) if has_more else [start_m]
+            fits = [fit_terms(terms, self._bodies(one_m, enclosure)) for one_m in starts]
+            fit = fits[0]
+            for other in fits[1:]:
+                gain = fit.cost - other.cost
+                fit = other if gain > CLEAR_GAIN * max(1.0, fit.cost) else fit
         else:
             terms = past.terms
             bodies = self._with_past(past, bodies, yaws_rad)
@@ -238,18 +241,21 @@ def _in_space(places_m: FloatArray) -> FloatArray:
     return in_space_m
 
 
-def _further_starts(start_m: FloatArray, enclosure: Interval) -> Iterator[FloatArray]:
-    """Yield placements all over the enclosure, where it is bounded; the middle is the first."""
+def _starts(start_m: FloatArray, enclosure: Interval) -> list[FloatArray]:
+    """
+    Return where fits start: the middle of the enclosure where it is bounded, and all over it.
+
+    The middle comes first: where readings leave a point open, it is the one that is left.
+    """
     bounded = np.isfinite(enclosure.lower) & np.isfinite(enclosure.upper)
     lower_m = np.where(bounded, enclosure.lower, start_m)
     width_m = np.where(bounded, enclosure.upper, start_m) - lower_m
     if width_m.max() <= LEAST_WIDTH_M:
-        return
-    yield lower_m + 0.5 * width_m
+        return [start_m]
     # Always the same ones, so that an answer does not depend on those before it.
     rng = np.random.default_rng(0)
-    for _ in range(FURTHER_STARTS - 1):
-        yield lower_m + rng.random(start_m.shape) * width_m
+    drawn = [lower_m + rng.random(start_m.shape) * width_m for _ in range(DRAWN_STARTS)]
+    return [lower_m + 0.5 * width_m, start_m, *drawn]
 
 
 def _agreeing(
