@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import nullcontext
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from dg_localization.solver.contract.reduction import (
     apply_axes,
     make_workspace,
 )
-from dg_localization.solver.contract.sides import chiralities_are_possible, sides_of
+from dg_localization.solver.contract.sides import Sides, chiralities_are_possible, sides_of
 from dg_localization.solver.contract.triangles import smooth, smooth_triangles
 from dg_localization.solver.contract.widths import (
     axes_of,
@@ -152,8 +152,8 @@ class Contractor:
         return make_workspace(self.problem.n_points, self.problem.dimension)
 
     @cached_property
-    def _scratch(self) -> tuple[Any, ...]:
-        return (*self._work, *sides_of(self.problem), self.problem.dimension)
+    def _sides(self) -> Sides:
+        return sides_of(self.problem)
 
     def whole(self) -> FloatArray | None:
         """Return the box of the problem itself, None where the triangles prove it to be empty."""
@@ -179,7 +179,7 @@ class Contractor:
         """Return what is left after `count` points were projected along the best known axes."""
         self._take(box)
         axes = rank_axes(box, self._axes)[: self._n_measured]
-        return self._work.box.copy() if apply_axes(*self._scratch, axes, count) else None
+        return self._work.box.copy() if self._apply(axes, count) else None
 
     def _take(self, box: FloatArray) -> None:
         """Write a box into the scratch arrays, its points in their own order."""
@@ -270,12 +270,17 @@ class Contractor:
                 return Status.CONTRACTED
         return None
 
+    def _apply(self, axes: IntArray, count: int) -> bool:
+        """Apply axes to the scratch arrays; False when the box is empty."""
+        dimension = self.problem.dimension
+        return bool(apply_axes(*self._work, *self._sides, dimension, axes, count))
+
     def _project(self, axes: IntArray, count: int, stopped: Callable[[], bool]) -> Status | None:
         """Apply axes, and look at the clock after every few; None when all were applied."""
         for first in range(0, len(axes), self._axes_per_look):
             if first > 0 and stopped():
                 return Status.UNFINISHED
             some = axes[first : first + self._axes_per_look]
-            if not apply_axes(*self._scratch, some, count):
+            if not self._apply(some, count):
                 return Status.EMPTY
         return None

@@ -69,9 +69,9 @@ def is_flexible(positions: FloatArray, measured: BoolArray) -> bool:
     arms = (positions[i] - positions[j]) / (np.abs(positions).max() or 1.0)
     lengths = np.sqrt((arms * arms).sum(axis=1))
     units = arms / np.where(lengths > 0.0, lengths, 1.0)[:, None]
-    matrix, number = np.zeros((len(i), n_points, dimension)), np.arange(len(i))
-    matrix[number, i], matrix[number, j] = units, -units
-    matrix = matrix.reshape(len(i), positions.size)
+    rows_of_pairs, number = np.zeros((len(i), n_points, dimension)), np.arange(len(i))
+    rows_of_pairs[number, i], rows_of_pairs[number, j] = units, -units
+    matrix = rows_of_pairs.reshape(len(i), positions.size)
     strengths = np.linalg.eigvalsh(matrix.T @ matrix)
     return bool(np.count_nonzero(strengths > RANK_TOLERANCE**2) < rank)
 
