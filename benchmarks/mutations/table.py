@@ -252,7 +252,7 @@ CONTRACT = [
     *_in(
         'solver',
         'contract/triangles',
-        ('test/solver/test_smoothing.py',),
+        ('test/solver/test_triangles.py',),
         (
             'the triangle inequality takes two lower bounds',
             'down(distance[LOWER, i, j] - distance[UPPER, j, k])',
@@ -267,7 +267,7 @@ CONTRACT = [
     *_in(
         'solver',
         'contract/triangles',
-        ('test/solver/test_angles.py',),
+        ('test/solver/test_triangles.py',),
         (
             'the minimum opposite an angle within an edge is forgotten',
             'y = min(max(x * high_cosine, sides[free, 0]), sides[free, 1])',
@@ -282,7 +282,7 @@ CONTRACT = [
     *_in(
         'solver',
         'contract/coordinates',
-        ('test/solver/test_coordinate_boxes.py',),
+        ('test/solver/test_coordinates.py',),
         (
             'the least distance cuts off what lies on the far side',
             'if left < new_low and new_low < right:',
@@ -707,7 +707,7 @@ FLEET = [
     *_in(
         'fleet',
         'window/carry',
-        ('test/fleet/test_memory_in_space.py',),
+        ('test/fleet/test_histories.py::test_no_pose_is_lost_by_rays_of_tilted_cameras',),
         (
             'rays of a robot that is tilted count as level',
             'return self.path(robot).leveled_rays(seen.stamps_s, seen.rays, seen.errors_rad)',
@@ -717,7 +717,7 @@ FLEET = [
     *_in(
         'ros/node',
         'clock',
-        ('test/ros/test_node_time.py',),
+        ('test/ros/test_clock.py',),
         (
             'what has waited looks new',
             'return self._last_s if self._is_simulated else self._last_s - waited_s',
@@ -800,7 +800,7 @@ FLEET = [
     *_in(
         'fleet',
         'constraints/rays',
-        ('test/fleet/test_constraints.py', 'test/fleet/test_spatial_chirality.py'),
+        ('test/fleet/test_constraints.py',),
         (
             'a sign counts although it is in doubt',
             '(self.half_widths_rad < low) & (high < math.pi)',
@@ -1055,7 +1055,7 @@ FLEET = [
     *_in(
         'fleet/window',
         'forgetting',
-        ('test/fleet/test_window_soundness.py::test_after_a_broken_bound_the_window_recovers',),
+        ('test/fleet/test_histories.py::test_after_a_broken_bound_the_window_recovers',),
         (
             'what sensors measured is not forgotten',
             'return frozenset(product(config.points_on(body), theirs))',

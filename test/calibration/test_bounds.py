@@ -17,6 +17,7 @@ from dg_localization.calibration.bounds import (
     missing_m,
     n_kept,
     range_holds,
+    residuals,
     shape_of,
     shortest_band,
 )
@@ -51,16 +52,6 @@ def test_the_node_holds_the_truth_of_as_many_readings_as_asked(shape, keep):
     bounds = [distance_bounds_m(model, reading) for reading in readings]
     inside = [low <= true <= high for (low, high), true in zip(bounds, truth, strict=True)]
     assert inside.count(False) == excluded
-
-
-def test_errors_that_grow_with_the_range_are_relative():
-    rng = np.random.default_rng(1)
-    truth = rng.uniform(1.0, 20.0, 500)
-    growing = truth * (1.0 + rng.uniform(-0.05, 0.15, 500))
-    constant = truth + rng.uniform(-0.05, 0.15, 500)
-    assert shape_of(growing, growing - truth, EXACT) == ErrorShape(relative=True)
-    assert shape_of(constant, constant - truth, EXACT) == ErrorShape()
-    assert not shape_of([0.0, 1.0], [0.0, 0.1], EXACT).relative
 
 
 def test_radios_that_read_a_share_too_long_have_bounds_with_a_slope():
@@ -98,9 +89,25 @@ def test_readings_that_no_bias_brings_between_the_bounds_are_counted():
     assert missing_m(scatter + np.append(np.zeros(99), 0.2), halves, choice) == (0.0, 1)
 
 
-def test_half_widths_hold_their_share():
-    errors = np.linspace(-0.1, 0.05, 101)
-    assert fit_half_width_rad(errors, EXACT) == pytest.approx(0.1, abs=1e-4)
-    narrow = fit_half_width_rad(errors, Choice(0.5, 0.0))
-    assert 0.5 <= np.mean(np.abs(errors) <= narrow) <= 0.52
+def test_no_half_width_is_more_than_half_a_turn():
     assert fit_half_width_rad([3.1], Choice(1.0, 1.0)) == math.pi
+
+
+STAMPS = np.arange(0.0, 30.0, 0.1)
+
+
+def test_a_steady_motion_and_a_bias_leave_no_residual():
+    found = residuals(STAMPS, 5.0 + 0.3 * STAMPS)
+    assert np.isnan(found[:2]).all() and np.isnan(found[-2:]).all()
+    np.testing.assert_allclose(found[2:-2], 0.0, atol=1e-9)
+
+
+def test_lonely_readings_tell_nothing():
+    assert np.isnan(residuals(np.arange(10.0), np.zeros(10))).all()
+
+
+def test_angles_are_compared_the_short_way_round():
+    rng = np.random.default_rng(0)
+    turned_rad = 3.0 + 0.5 * STAMPS + rng.uniform(-0.02, 0.02, len(STAMPS))
+    found = residuals(STAMPS, np.remainder(turned_rad, 2.0 * np.pi), angles=True)
+    np.testing.assert_allclose(found, residuals(STAMPS, turned_rad), atol=1e-9)

@@ -12,6 +12,8 @@ from shapes import angle_of, attitude, turn
 from dg_localization.fleet.odometry_error import OdometryErrorModel
 
 SAMPLE_S = 0.1
+DELAYS_S = (0.0, 0.05, 0.3)
+"""After these readings arrive."""
 FASTEST_M_S, TILTING_RAD = 0.7, 0.03
 """Of a drive: its greatest speed, and how far roll and pitch change from sample to sample."""
 

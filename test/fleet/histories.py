@@ -17,9 +17,10 @@ from functools import cached_property
 import gc
 import math
 
-from drives import SAMPLE_S, direction, draw_drive, draw_errors, draw_lost
+from drives import DELAYS_S, SAMPLE_S, direction, draw_drive, draw_errors, draw_lost
 from habits import Heights, beyond_limits, draw_clocks, draw_habits, has_resets
 import numpy as np
+from sensing import reading_of
 from shapes import attitude, axes_along, in_space, missing, turn
 
 from dg_localization import SolverOptions, Verdict
@@ -27,7 +28,6 @@ from dg_localization.fleet import Anchor, FleetConfig, Localizer, Mount, RangeEr
 from dg_localization.fleet.rotations import quaternion_of, rotation_of_quaternion
 
 MAX_AGE_S = 0.5
-DELAYS_S = (0.0, 0.05, 0.3)
 SECONDS = 8.0
 SYNCHRONOUS = 0.2
 """In so many histories the sensors of robots measure when their odometry does."""
@@ -233,15 +233,12 @@ class History:
         def call(localizer, now_s):
             distance = self.distance(observer, target, time_s)
             bounds = self.bounds_of(*names)
-            model = bounds.range_error
-            absolute = model.min_error_m + share * (model.max_error_m - model.min_error_m)
-            relative = model.min_error_relative + share * (
-                model.max_error_relative - model.min_error_relative
+            model, deviation_m = (
+                bounds.range_error,
+                math.sqrt(self.limits[2] if self.limits else 0.0),
             )
-            if self.limits:
-                deviation = math.sqrt(self.limits[2])
-                absolute += (2.0 * share - 1.0) * model.sigma_factor * deviation
-            reading = (distance + absolute) / (1.0 - relative)
+            more_m = (2.0 * share - 1.0) * model.sigma_factor * deviation_m
+            reading = reading_of(distance, model, share, more_m)
             reading = max(0.01, reading + self.lies.get((observer, target, time_s), 0.0))
             if self.limits:
                 reading = beyond_limits(reading, *self.limits[:2])

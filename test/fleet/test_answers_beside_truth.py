@@ -9,7 +9,7 @@ import pytest
 
 from dg_localization.calibration.answers import FleetTruth
 from dg_localization.calibration.truth import TrueTrack
-from dg_localization.fleet import FleetConfig, FrameKind, Localizer
+from dg_localization.fleet import FrameKind
 from dg_localization.fleet.rotations import (
     quaternion_of,
 )
@@ -63,53 +63,3 @@ def test_the_truth_is_put_in_every_kind_of_frame(dimension):
                     assert not all(missed)
                 seen.add(answer.frame.kind)
     assert seen >= set(FrameKind) - ({FrameKind.HEADING} if dimension == 3 else set())
-
-
-def placed(ranges_m, robots='abc', **settings):
-    """Return the only answer to ranges, and its frame."""
-    localizer = Localizer(FleetConfig(robots=tuple(robots), max_speed_m_s=0.0, **settings))
-    for (observer, target), range_m in ranges_m.items():
-        assert localizer.add_range(observer, target, range_m, 1.0, 1.0) is None
-    return localizer.step(1.0)
-
-
-def track_at(place, orientation=None):
-    turns = None if orientation is None else [orientation, orientation]
-    return TrueTrack([0.5, 1.5], [place, place], turns)
-
-
-def truth_of(tracks):
-    return FleetTruth(FleetConfig(robots=('a', 'b', 'c')), tracks)
-
-
-TRIANGLE = {('a', 'b'): 3.0, ('a', 'c'): 4.0, ('b', 'c'): 5.0}
-
-
-def test_bounds_that_miss_the_truth_are_named_with_the_robot():
-    estimate = placed(TRIANGLE)
-    frame = estimate.frame
-    assert frame.kind is FrameKind.ROBOTS
-    tracks = {'a': track_at([9.0, 9.0, 0.0]), 'b': track_at([12.0, 9.0, 0.0])}
-    for height_m, wanted in ((13.0, [False, False, False]), (13.5, [False, False, True])):
-        tracks['c'] = track_at([9.0, height_m, 0.0])
-        truth = truth_of(tracks).at(frame, 1.0)
-        outside = [truth.outside(placement).tolist() for placement in estimate.placements]
-        assert (wanted in outside) and (any(wanted) or outside.count(wanted) == 1)
-
-
-def test_what_is_not_known_is_not_compared():
-    estimate = placed(TRIANGLE)
-    tracks = {'b': track_at([12.0, 9.0, 0.0]), 'c': track_at([9.0, 13.0, 0.0])}
-    truth = truth_of(tracks).at(estimate.frame, 1.0)
-    # The origin of the frame is not known: distances alone are.
-    assert np.isnan(truth.positions_m).all() and truth.tells
-    assert truth.distances_m[1, 2] == 5.0
-    for placement in estimate.placements:
-        assert not truth.outside(placement).any()
-        assert np.isnan(truth.point_errors_m(placement)).all()
-    tracks['c'] = track_at([9.0, 14.0, 0.0])
-    truth = truth_of(tracks).at(estimate.frame, 1.0)
-    assert truth.outside(estimate.placements[0]).tolist() == [False, True, True]
-    del tracks['c']
-    assert not truth_of(tracks).at(estimate.frame, 1.0).tells
-    assert not truth_of(tracks).at(estimate.frame, 3.0).tells

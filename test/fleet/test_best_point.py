@@ -8,10 +8,10 @@ import math
 
 import numpy as np
 import pytest
+from sensing import add_odometry, add_ranges, anchors_at, ray
 from shapes import in_space, random_rotation
 
 from dg_localization.fleet import (
-    Anchor,
     FleetConfig,
     Localizer,
     OdometryErrorModel,
@@ -24,7 +24,7 @@ ANCHORS[3] = np.vstack([np.pad(ANCHORS[2], ((0, 0), (0, 1))), [4.0, 4.0, 7.0]])
 
 
 def anchors_of(dimension=2):
-    return {f'a{k}': Anchor(tuple(place)) for k, place in enumerate(ANCHORS[dimension])}
+    return anchors_at({f'a{k}': place for k, place in enumerate(ANCHORS[dimension])})
 
 
 def inside(placement):
@@ -56,27 +56,22 @@ def test_right_readings_give_the_true_point(dimension, cameras):
     assert all(placement.proved for placement in placements)
 
 
-def drive(localizer, anchors_m, seconds, sees, drift_rad=0.0, misread=()):
+def drive(localizer, drift_rad=0.0, misread=()):
     """
     Drive in a circle and see one landmark at a time; return the true pose at the end.
 
-    `sees` says at which of the times there is a landmark in sight, `drift_rad` is by how much the
-    odometry turns too far at each step, and `misread` are the times when another one is named.
+    `drift_rad` is by how much the odometry turns too far at each step, and `misread` are the times
+    when another landmark is named.
     """
     pose, stated = np.array([2.0, 1.0, 0.6]), np.array([2.0, 1.0, 0.6])
-    for tick in range(round(seconds / 0.5)):
+    for tick in range(30):
         now_s = NOW_S + 0.5 * tick
         for here, turn_rad in ((pose, 0.05), (stated, 0.05 + drift_rad)):
             here += [0.2 * math.cos(here[2]), 0.2 * math.sin(here[2]), turn_rad]
-        quaternion = [0.0, 0.0, math.sin(stated[2] / 2.0), math.cos(stated[2] / 2.0)]
-        localizer.add_odometry('r', [*stated[:2], 0.0], quaternion, now_s, now_s)
-        if sees(tick):
-            line_m = anchors_m[tick % 3] - pose[:2]
-            bearing = math.atan2(line_m[1], line_m[0]) - pose[2]
-            name = f'a{(tick + (tick in misread)) % 3}'
-            ray = [math.cos(bearing), math.sin(bearing), 0.0]
-            localizer.add_range('r', name, np.linalg.norm(line_m), now_s, now_s)
-            localizer.add_bearing('r', name, ray, now_s, now_s)
+        add_odometry(localizer, 'r', stated[:2], now_s, stated[2])
+        name, seen_m = f'a{(tick + (tick in misread)) % 3}', ANCHORS[2][tick % 3]
+        add_ranges(localizer, 'r', pose[:2], {name: seen_m}, now_s)
+        localizer.add_bearing('r', name, ray(pose, seen_m, pose[2]), now_s, now_s)
     return pose, now_s
 
 
@@ -101,7 +96,7 @@ def driver(**settings):
 
 def test_the_drift_of_odometry_is_shared_by_what_came_before_it():
     localizer = driver()
-    pose, now_s = drive(localizer, ANCHORS[2], 15.0, lambda tick: True, drift_rad=0.012)
+    pose, now_s = drive(localizer, drift_rad=0.012)
     (placement,) = localizer.step(now_s).placements
     assert inside(placement) and placement.proved
     # Carried by odometry alone, readings of 15 s ago would be 0.36 rad off.
@@ -110,8 +105,7 @@ def test_the_drift_of_odometry_is_shared_by_what_came_before_it():
 
 def test_misread_landmarks_hardly_pull():
     localizer = driver(window_outliers=3)
-    misread = (20, 23, 26)
-    pose, now_s = drive(localizer, ANCHORS[2], 15.0, lambda tick: True, misread=misread)
+    pose, now_s = drive(localizer, misread=(20, 23, 26))
     (placement,) = localizer.step(now_s).placements
     assert inside(placement)
     assert np.linalg.norm(placement.positions_m[0] - pose[:2]) < 0.03
@@ -131,7 +125,7 @@ def test_a_beacon_whose_bounds_do_not_hold_is_named(is_wrong):
             share = 1.35 if is_wrong and name == 'a1' else 1.0
             return localizer.add_range(robot, name, share * range_m, *times_s)
 
-    _, now_s = drive(Misread(), ANCHORS[2], 15.0, lambda tick: True)
+    _, now_s = drive(Misread())
     estimate = localizer.step(now_s)
     named = [
         text.split(' (')[0] for placement in estimate.placements for text in placement.misfits
@@ -188,9 +182,8 @@ def test_the_expected_error_moves_the_point_and_not_the_bounds():
     for expected_m in (0.0, 0.4):
         model = RangeErrorModel(0.0, 0.5, 0.0, 0.0, expected_error_m=expected_m)
         localizer = Localizer(FleetConfig(['r'], anchors=anchors_of(), range_error=model))
-        for name, anchor in anchors_of().items():
-            range_m = math.dist(anchor.coordinates_m, (3.0, 3.0)) + 0.4
-            localizer.add_range('r', name, range_m, NOW_S, NOW_S)
+        places_m = {f'a{k}': place_m for k, place_m in enumerate(ANCHORS[2])}
+        add_ranges(localizer, 'r', (3.0, 3.0), places_m, NOW_S, off_m=0.4)
         answers += localizer.step(NOW_S).placements
     first, second = answers
     assert (first.enclosure_m == second.enclosure_m).all()
@@ -205,7 +198,7 @@ def test_what_is_left_out_of_the_past_still_counts_for_the_moment(b_saw_a):
     localizer = Localizer(
         FleetConfig(
             robots=('a', 'b'),
-            anchors={name: Anchor(place_m) for name, place_m in landmarks_m.items()},
+            anchors=anchors_at(landmarks_m),
             max_speed_m_s=0.5,
             range_error=RangeErrorModel(-1.0, 1.0, 0.0, 0.0),
             bearing_half_width_rad=0.02,
@@ -214,16 +207,13 @@ def test_what_is_left_out_of_the_past_still_counts_for_the_moment(b_saw_a):
     for stamp_s in np.arange(0.5, NOW_S + 0.01, 0.1).round(3).tolist():
         places_m = {'a': (2.0 + 0.2 * stamp_s, 3.0), 'b': (2.0 + 0.2 * stamp_s, 7.0)}
         for robot, place_m in places_m.items():
-            pose = [*place_m, 0.0], [0.0, 0.0, 0.0, 1.0]
-            localizer.add_odometry(robot, *pose, stamp_s, stamp_s)
-        apart_m = {
-            n: np.subtract(m, places_m['a']) for n, m in {**landmarks_m, **places_m}.items()
-        }
-        ranges = {'b': 4.0, 'p': math.hypot(*apart_m['p']) + (0.8 if stamp_s > 8.0 else 0.0)}
-        for target in ('b', 'p', 'q', 'r') if stamp_s < 8.0 else ('b',):
-            localizer.add_bearing('a', target, [*apart_m[target], 0.0], stamp_s, stamp_s)
-        for target, range_m in ranges.items():
-            localizer.add_range('a', target, range_m, stamp_s, stamp_s)
+            add_odometry(localizer, robot, place_m, stamp_s)
+        seen_m = {'b': places_m['b'], **(landmarks_m if stamp_s < 8.0 else {})}
+        for target, target_m in seen_m.items():
+            localizer.add_bearing('a', target, ray(places_m['a'], target_m), stamp_s, stamp_s)
+        off_m = 0.8 if stamp_s > 8.0 else 0.0
+        add_ranges(localizer, 'a', places_m['a'], {'p': landmarks_m['p']}, stamp_s, off_m)
+        add_ranges(localizer, 'a', places_m['a'], {'b': places_m['b']}, stamp_s)
         if b_saw_a and stamp_s < 5.0:
             localizer.add_bearing('b', 'a', [0.0, -1.0, 0.0], stamp_s, stamp_s)
     (placement,) = localizer.step(NOW_S).placements

@@ -7,10 +7,10 @@ import math
 
 import numpy as np
 import pytest
+from sensing import add_odometry, add_ranges, anchors_at
 from shapes import holds
 
 from dg_localization.fleet import (
-    Anchor,
     FleetConfig,
     Localizer,
     OdometryErrorModel,
@@ -18,27 +18,23 @@ from dg_localization.fleet import (
 )
 
 PLACES_M = {'a': (0.0, 0.0), 'b': (10.0, 0.0), 'c': (0.0, 10.0), 'd': (10.0, 10.0)}
-ANCHORS = {name: Anchor(place) for name, place in PLACES_M.items()}
 SMALL = OdometryErrorModel(
     translation_per_m=0.02, rotation_per_rad=0.02, constant_m=0.01, constant_rad=0.01
 )
-LEVEL = (0.0, 0.0, 0.0, 1.0)
 
 
 def localizer_of(**settings):
     known = {'range_error': RangeErrorModel(-0.05, 0.05, 0.0, 0.0), 'odometry_error': SMALL}
-    return Localizer(FleetConfig(('r',), **{'anchors': ANCHORS, **known, **settings}))
+    return Localizer(FleetConfig(('r',), **{'anchors': anchors_at(PLACES_M), **known, **settings}))
 
 
-def add_ranges(localizer, place, stamp_s, now_s, names='abcd'):
-    for name in names:
-        range_m = math.dist(place, PLACES_M[name])
-        assert localizer.add_range('r', name, range_m, stamp_s, now_s) is None
+def measure(localizer, place, stamp_s, now_s, names='abcd'):
+    targets_m = {name: PLACES_M[name] for name in names}
+    add_ranges(localizer, 'r', place, targets_m, stamp_s, now_s=now_s)
 
 
-def add_odometry(localizer, x_m, stamp_s, now_s, **pose):
-    rejection = localizer.add_odometry('r', (x_m, 0.0, 0.0), LEVEL, stamp_s, now_s, 'odom', **pose)
-    assert rejection is None
+def drive(localizer, x_m, stamp_s, now_s):
+    add_odometry(localizer, 'r', (x_m, 0.0), stamp_s, now_s=now_s, frame='odom')
 
 
 def input_of(localizer, kind, now_s):
@@ -53,8 +49,8 @@ def test_stamps_from_the_future_widen_answers_and_are_named(ahead_s, with_odomet
         now_s = 100.0 + 0.1 * step
         place = np.array([1.0 + 0.1 * step, 4.0])
         if with_odometry:
-            add_odometry(localizer, place[0], now_s + ahead_s, now_s)
-        add_ranges(localizer, place, now_s + ahead_s, now_s, 'abcd'[step % 4])
+            drive(localizer, place[0], now_s + ahead_s, now_s)
+        measure(localizer, place, now_s + ahead_s, now_s, 'abcd'[step % 4])
         if step > 10:
             estimate = localizer.step(localizer.answer_time(now_s + 0.05))
             assert holds(estimate, np.array([1.0 + estimate.stamp_s - 100.0, 4.0]))
@@ -64,7 +60,7 @@ def test_stamps_from_the_future_widen_answers_and_are_named(ahead_s, with_odomet
 
 def test_stamps_within_the_stated_error_are_no_warning():
     localizer = localizer_of(stamp_error_s=0.05)
-    add_ranges(localizer, (3.0, 4.0), 100.04, 100.0)
+    measure(localizer, (3.0, 4.0), 100.04, 100.0)
     assert input_of(localizer, 'range', 100.0).warning == ''
     assert 'future' not in localizer.step(100.05).reason
 
@@ -77,9 +73,9 @@ def test_silent_odometry_is_told_in_reason_point_and_covariance(speed_m_s, range
         now_s = 100.0 + 0.1 * step
         place = np.array([1.0 + speed_m_s * 0.1 * step, 4.0])
         if step <= 50:
-            add_odometry(localizer, place[0], now_s, now_s)
+            drive(localizer, place[0], now_s, now_s)
         if step <= 50 or ranges_go_on:
-            add_ranges(localizer, place, now_s, now_s)
+            measure(localizer, place, now_s, now_s)
         if step > 53:
             estimate = localizer.step(now_s)
             assert holds(estimate, place)
@@ -100,9 +96,9 @@ def test_stated_latency_is_in_the_covariance(latency_s):
 
     for step in range(200):
         now_s, time_s = 100.0 + 0.1 * step, 0.1 * step
-        add_odometry(localizer, x_m(max(0.0, time_s - latency_s)), now_s, now_s)
+        drive(localizer, x_m(max(0.0, time_s - latency_s)), now_s, now_s)
         if step % 5 == 0:
-            add_ranges(localizer, (x_m(time_s), 4.0), now_s, now_s, 'abcd'[step // 5 % 4])
+            measure(localizer, (x_m(time_s), 4.0), now_s, now_s, 'abcd'[step // 5 % 4])
         if step > 60 and step % 4 == 0:
             (placement,) = localizer.step(now_s).placements
             deviation_m = math.sqrt(placement.covariances[0, 0, 0])
@@ -118,11 +114,11 @@ def test_a_driver_that_starts_again_at_zero_is_no_motion(gap_s, driven_m):
     now_s, x_m = 100.0, 0.0
     while x_m < driven_m:
         now_s, x_m = now_s + 0.1, x_m + 0.06
-        add_odometry(localizer, x_m, now_s, now_s)
-        add_ranges(localizer, (2.0 + x_m, 5.0), now_s, now_s)
+        drive(localizer, x_m, now_s, now_s)
+        measure(localizer, (2.0 + x_m, 5.0), now_s, now_s)
     localizer.step(now_s)
     now_s += gap_s
-    add_odometry(localizer, 0.0, now_s, now_s)
+    drive(localizer, 0.0, now_s, now_s)
     assert 'started anew' in input_of(localizer, 'odometry', now_s).restart
     estimate = localizer.step(now_s)
     assert holds(estimate, np.array([2.0 + x_m, 5.0])) or not estimate.placements
@@ -132,7 +128,7 @@ def test_a_robot_that_passes_its_origin_has_not_started_again():
     localizer = localizer_of(max_speed_m_s=1.0)
     for step in range(40):
         now_s = 100.0 + 0.1 * step
-        add_odometry(localizer, 1.0 - 0.05 * step, now_s, now_s)
+        drive(localizer, 1.0 - 0.05 * step, now_s, now_s)
         assert input_of(localizer, 'odometry', now_s).restart == ''
 
 
@@ -140,14 +136,14 @@ def test_a_robot_that_passes_its_origin_has_not_started_again():
 def test_every_gap_can_be_made_a_restart(gap_s, anew):
     localizer = localizer_of(odometry_error=OdometryErrorModel(restart_gap_s=2.0))
     for now_s in (100.0, 100.1, 100.1 + gap_s):
-        add_odometry(localizer, 5.0 + 0.1 * now_s, now_s, now_s)
+        drive(localizer, 5.0 + 0.1 * now_s, now_s, now_s)
     assert bool(input_of(localizer, 'odometry', now_s).restart) is anew
 
 
 @pytest.mark.parametrize(('up_m', 'away_m'), [(1.0, 4.0), (2.0, 3.0), (2.0, 1.5), (3.0, 1.0)])
 def test_a_ray_that_points_above_the_plane_is_widened_and_told(up_m, away_m):
     half_width_rad, places = 0.05, {'t': (0.0, 0.0), 'e': (-8.0, -3.0), 'f': (3.0, -9.0)}
-    anchors = {**ANCHORS, **{name: Anchor(place) for name, place in places.items()}}
+    anchors = anchors_at({**PLACES_M, **places})
     localizer = localizer_of(anchors=anchors, bearing_half_width_rad=half_width_rad)
     place = np.array([0.0, -away_m])
     line = np.array([0.0, away_m, up_m]) / math.hypot(away_m, up_m)
@@ -155,11 +151,9 @@ def test_a_ray_that_points_above_the_plane_is_widened_and_told(up_m, away_m):
     ray[0] = math.sin(0.99 * half_width_rad)
     for step in range(5):
         now_s = 100.0 + 0.1 * step
-        add_ranges(localizer, place, now_s, now_s)
+        measure(localizer, place, now_s, now_s)
         assert localizer.add_bearing('r', 't', ray, now_s, now_s) is None
-        for name in ('e', 'f'):
-            range_m = math.dist(place, places[name])
-            assert localizer.add_range('r', name, range_m, now_s, now_s) is None
+        add_ranges(localizer, 'r', place, {name: places[name] for name in 'ef'}, now_s)
     estimate = localizer.step(now_s)
     assert 'not in the plane' in estimate.reason
     for placement in estimate.placements:

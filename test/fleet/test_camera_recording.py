@@ -46,15 +46,21 @@ class Recordings:
         return zip(*(robot.pose(stamp_s) for robot in self.robots.values()), strict=True)
 
 
-def feed(localizer, event):
-    stamp_s, number, target, first, angle = event
-    robot = f'r{number}'
-    if target is None:
-        localizer.add_odometry(robot, first, quaternion_of_yaw(angle), stamp_s, stamp_s)
-        return
-    localizer.add_range(robot, target, first, stamp_s, stamp_s)
-    ray = [math.cos(angle), math.sin(angle), 0.0]
-    localizer.add_bearing(robot, target, ray, stamp_s, stamp_s)
+def played(localizer, recording, ticks):
+    """Yield times and estimates of what was heard until then."""
+    events = iter(recording.events)
+    for now_s in ticks:
+        for stamp_s, number, target, first, angle in events:
+            robot, times_s = f'r{number}', (stamp_s, stamp_s)
+            if target is None:
+                localizer.add_odometry(robot, first, quaternion_of_yaw(angle), *times_s)
+            else:
+                localizer.add_range(robot, target, first, *times_s)
+                ray = [math.cos(angle), math.sin(angle), 0.0]
+                localizer.add_bearing(robot, target, ray, *times_s)
+            if stamp_s > now_s:
+                break
+        yield now_s, localizer.step(now_s)
 
 
 def holds_truth(estimate, recording, now_s):
@@ -85,13 +91,7 @@ def test_the_surveyed_truth_is_in_a_placement_at_every_tick(shared, excerpt):
     config = config_of(recording, max_speed_m_s=0.2, max_turn_rate_rad_s=0.6)
     localizer = Localizer(config)
     ticks = np.arange(recording.events[0][0] + 2.0, recording.events[-1][0], 1.5)
-    pending = iter(recording.events)
-    event = next(pending)
-    for now_s in ticks:
-        while event is not None and event[0] <= now_s:
-            feed(localizer, event)
-            event = next(pending, None)
-        estimate = localizer.step(now_s)
+    for now_s, estimate in played(localizer, recording, ticks):
         assert estimate.frame.kind == 'anchors'
         assert holds_truth(estimate, recording, now_s), now_s
 
@@ -110,14 +110,8 @@ def test_four_minutes_of_memory_bound_every_robot(shared, window_outliers, width
     localizer = Localizer(config)
     start_s = recording.events[0][0]
     ticks = start_s + np.array([40.0, 70.0, 100.0, 130.0])
-    events = iter(recording.events)
     widths = []
-    for now_s in ticks:
-        for event in events:
-            feed(localizer, event)
-            if event[0] > now_s:
-                break
-        estimate = localizer.step(now_s)
+    for now_s, estimate in played(localizer, recording, ticks):
         # Some readings are gross errors.
         inside = holds_truth(estimate, recording, now_s)
         assert inside or not window_outliers, now_s

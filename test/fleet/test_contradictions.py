@@ -8,11 +8,11 @@ import math
 
 import numpy as np
 import pytest
+from sensing import add_odometry, add_ranges, anchors_at
 from shapes import holds
 
 from dg_localization import SolverOptions, Verdict
 from dg_localization.fleet import (
-    Anchor,
     FleetConfig,
     LinkKey,
     LinkKind,
@@ -22,6 +22,7 @@ from dg_localization.fleet import (
 
 ROBOTS = ('a', 'b', 'c', 'd', 'e', 'f')
 POSITIONS = np.array([[0.0, 0.0], [6.0, 0.0], [5.0, 4.0], [1.0, 5.0], [3.0, 8.0], [-2.0, 2.0]])
+PLACES_M = dict(zip(ROBOTS, POSITIONS, strict=True))
 NOW_S = 50.0
 WRONG = LinkKey(LinkKind.RANGE, 'a', 'b')
 
@@ -39,16 +40,10 @@ def make_localizer(**settings):
     return Localizer(FleetConfig(**{**defaults, **settings}))
 
 
-def distance(first, second):
-    return math.dist(POSITIONS[ROBOTS.index(first)], POSITIONS[ROBOTS.index(second)])
-
-
 def feed(localizer, stamp_s=NOW_S, wrong=(), errors=2.0):
-    for i, first in enumerate(ROBOTS):
-        for second in ROBOTS[i + 1 :]:
-            extra = errors if (first, second) in wrong else 0.0
-            reading = distance(first, second) + extra
-            localizer.add_range(first, second, reading, stamp_s, stamp_s)
+    for (first, place_m), (second, other_m) in combinations(PLACES_M.items(), 2):
+        off_m = errors if (first, second) in wrong else 0.0
+        add_ranges(localizer, first, place_m, {second: other_m}, stamp_s, off_m)
 
 
 def truth():
@@ -96,9 +91,7 @@ def test_a_misread_marker_is_found():
     localizer = make_localizer(max_outliers=1)
     feed(localizer)
     for target in ('b', 'c', 'd', 'e'):
-        ray = POSITIONS[ROBOTS.index(target)] - POSITIONS[0]
-        if target == 'b':
-            ray = -ray
+        ray = PLACES_M[target] * (-1.0 if target == 'b' else 1.0)
         localizer.add_bearing('a', target, [*ray, 0.0], NOW_S, NOW_S)
     estimate = localizer.step(NOW_S)
     assert estimate.conflicts
@@ -123,7 +116,7 @@ def test_a_range_no_distance_can_give_stays_one_as_it_ages():
 
 @pytest.mark.parametrize('max_outliers', [0, 2])
 def test_settings_that_contradict_each_other_are_no_fault_of_measurements(max_outliers):
-    anchors = {'a': Anchor((0.0, 0.0)), 'b': Anchor((1.0, 0.0))}
+    anchors = anchors_at({'a': (0.0, 0.0), 'b': (1.0, 0.0)})
     localizer = make_localizer(anchors=anchors, min_separation_m=2.0, max_outliers=max_outliers)
     for anchor in anchors:
         assert localizer.add_range('c', anchor, 3.0, NOW_S, NOW_S) is None
@@ -176,7 +169,7 @@ def test_a_correction_that_leaves_the_reference_robot_alone_bounds_nothing():
 def test_what_contradicts_is_forgotten_also_where_its_stamp_is_later_than_the_answer():
     localizer = make_localizer(max_outliers=1, memory_s=10.0)
     for name in ROBOTS:
-        localizer.add_odometry(name, [0.0] * 3, [0.0, 0.0, 0.0, 1.0], NOW_S, NOW_S)
+        add_odometry(localizer, name, (0.0, 0.0), NOW_S)
     feed(localizer, stamp_s=NOW_S + 0.05, wrong=[('a', 'b')])
     (forgotten,) = localizer.step(NOW_S).forgotten
     assert WRONG.ends in forgotten.ends

@@ -7,10 +7,10 @@ import math
 
 import numpy as np
 import pytest
-from shapes import holds
+from sensing import add_odometry, add_ranges, anchors_at
+from shapes import holds, turn
 
 from dg_localization.fleet import (
-    Anchor,
     FleetConfig,
     Localizer,
     OdometryErrorModel,
@@ -33,14 +33,12 @@ def odometry(time_s):
     """Return what odometry says: all ways and turns are too long by the same share."""
     angle = 0.1 * time_s * (1.0 + 0.5 * ERROR)
     radius = 2.5 * (1.0 + 0.3 * ERROR)
-    return (radius * math.sin(angle), -radius * math.cos(angle), 0.0), angle
+    return (radius * math.sin(angle), -radius * math.cos(angle)), angle
 
 
 def restarted(place, yaw):
     """Return a pose of odometry in another frame, far away."""
-    x, y, z = place
-    c, s = math.cos(2.0), math.sin(2.0)
-    return (c * x - s * y + 90.0, s * x + c * y - 40.0, z), yaw + 2.0
+    return turn(2, 2.0)[:2, :2] @ place + [90.0, -40.0], yaw + 2.0
 
 
 def drive(
@@ -49,7 +47,7 @@ def drive(
     """Yield times and estimates of a robot that ranges anchors while `ranged`."""
     config = FleetConfig(
         ('r',),
-        anchors={name: Anchor(place) for name, place in ANCHORS.items()},
+        anchors=anchors_at(ANCHORS),
         range_error=RangeErrorModel(-0.1, 0.1, 0.0, 0.0),
         max_speed_m_s=1.0,
         max_turn_rate_rad_s=0.5,
@@ -64,12 +62,9 @@ def drive(
         place, yaw = odometry(time_s)
         if time_s >= restart_s:
             place, yaw = restarted(place, yaw)
-        quaternion = (0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))
-        assert localizer.add_odometry('r', place, quaternion, now_s, now_s, 'odom') is None
+        add_odometry(localizer, 'r', place, now_s, yaw, frame='odom')
         if ranged(time_s):
-            for name, anchor in ANCHORS.items():
-                far_m = float(np.linalg.norm(pose(time_s)[0] - anchor))
-                localizer.add_range('r', name, far_m, now_s, now_s)
+            add_ranges(localizer, 'r', pose(time_s)[0], ANCHORS, now_s)
         if step % round(tick_s / 0.2) == 0:
             yield time_s, localizer.step(now_s)
 
@@ -82,9 +77,8 @@ def test_a_gap_of_any_length_is_bridged_by_odometry(memory_s):
         if time_s < 5.0:
             continue
         (placement,) = estimate.placements
-        lower, upper = placement.enclosure_m[0]
-        assert np.all((lower <= pose(time_s)[0]) & (pose(time_s)[0] <= upper)), time_s
-        widths.append(float((upper - lower).max()))
+        assert holds(estimate, pose(time_s)[0]), time_s
+        widths.append(np.ptp(placement.enclosure_m[0], axis=0).max())
     # Its greatest speed alone allows this much in both directions.
     assert max(widths) < 0.25 * 2.0 * gap_s
 
@@ -96,9 +90,8 @@ def test_the_likely_point_is_carried_through_a_gap(restart_s):
         if time_s < 10.0:
             continue
         (placement,) = estimate.placements
-        place, (lower, upper) = pose(time_s)[0], placement.enclosure_m[0]
-        assert np.all((lower <= place) & (place <= upper)), time_s
-        off_m = np.linalg.norm(placement.positions_m[0] - place)
+        assert holds(estimate, pose(time_s)[0]), time_s
+        off_m = np.linalg.norm(placement.positions_m[0] - pose(time_s)[0])
         assert off_m < (0.2 if restart_s == math.inf else 0.6), time_s
         deviation_m = math.sqrt(np.linalg.eigvalsh(placement.covariances[0][:2, :2])[-1])
         assert off_m < 3.0 * deviation_m
@@ -112,9 +105,7 @@ def test_a_set_that_odometry_does_not_reach_any_more_claims_nothing(tick_s):
         return time_s < 8.0 or time_s > 27.0
 
     for time_s, estimate in drive(5.0, ranged, 34.0, tick_s):
-        for placement in estimate.placements:
-            lower, upper = placement.enclosure_m[0]
-            assert np.all((lower <= pose(time_s)[0]) & (pose(time_s)[0] <= upper)), time_s
+        assert holds(estimate, pose(time_s)[0]) or not estimate.placements, time_s
     assert len(estimate.placements) == 1
 
 
@@ -125,7 +116,7 @@ def test_odometry_that_is_scaled_and_errs_at_its_bound_loses_no_truth(scale, sid
 
     def stated(time_s):
         radius, angle = 2.5 / (scale * (1.0 + 0.0499 * side)), 0.1 * time_s
-        return (radius * math.sin(angle), -radius * math.cos(angle), 0.0), angle
+        return (radius * math.sin(angle), -radius * math.cos(angle)), angle
 
     for time_s, estimate in drive(30.0, lambda t: t < 6.0, 16.0, odometry=stated, error=error):
         assert holds(estimate, pose(time_s)[0])

@@ -9,10 +9,11 @@ import math
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
+from sensing import add_odometry, add_ranges, anchors_at
+from shapes import holds
 
 from dg_localization import Verdict
 from dg_localization.fleet import (
-    Anchor,
     ElevationErrorModel,
     FleetConfig,
     LinkKey,
@@ -35,7 +36,7 @@ KEY = LinkKey(LinkKind.ELEVATION, 'r', '')
 def make(**settings):
     """Return a localizer of a robot that flies anywhere up to 20 m above three anchors."""
     given_settings = {
-        'anchors': {name: Anchor(place) for name, place in PLACES.items()},
+        'anchors': anchors_at(PLACES),
         'elevations_m': {'r': (0.0, 20.0)},
         'elevation_error': ElevationErrorModel(-0.1, 0.1),
         'range_error': EXACT,
@@ -46,16 +47,15 @@ def make(**settings):
 
 def measure(localizer, height_m, stamp_s=NOW_S, now_s=NOW_S, place_m=PLACE_M, sensor='r'):
     """Add the ranges to all anchors of a robot at a height."""
-    for name, anchor in PLACES.items():
-        range_m = math.dist((*place_m, height_m), (*anchor, 0.0))
-        assert localizer.add_range(sensor, name, range_m, stamp_s, now_s) is None
+    anchors_m = {name: (*anchor_m, 0.0) for name, anchor_m in PLACES.items()}
+    add_ranges(localizer, sensor, (*place_m, height_m), anchors_m, stamp_s, now_s=now_s)
 
 
 def enclosure_of(localizer, now_s=NOW_S, place_m=PLACE_M):
     """Return the width of the widest placement; the robot truly is in one."""
-    boxes = [placement.enclosure_m[0] for placement in localizer.step(now_s).placements]
-    assert any((low <= place_m).all() and (place_m <= high).all() for low, high in boxes)
-    return max((high - low).max() for low, high in boxes)
+    estimate = localizer.step(now_s)
+    assert holds(estimate, place_m)
+    return max(np.ptp(placement.enclosure_m[0], axis=0).max() for placement in estimate.placements)
 
 
 # Their squares neither overflow nor underflow, so that the root below is right to 1e-15 of it.
@@ -186,16 +186,14 @@ def test_ranges_from_above_are_remembered(sensor):
         for tick in range(12):
             now_s = NOW_S + 0.5 * tick
             position_m = np.array([1.0 + 0.2 * tick, 3.0])
-            localizer.add_odometry('r', [*position_m, 0.0], [0.0, 0.0, 0.0, 1.0], now_s, now_s)
+            add_odometry(localizer, 'r', position_m, now_s)
             tag_m = position_m + ([0.4, 0.2] if '/' in sensor else [0.0, 0.0])
-            for name, anchor in PLACES.items():
-                range_m = math.dist((*anchor, 3.0), (*tag_m, 0.0))
-                localizer.add_range(sensor, name, range_m, now_s, now_s)
+            # As far as it is from anchors 3 m above it.
+            measure(localizer, 3.0, now_s, now_s, tag_m, sensor)
             estimate = localizer.step(now_s)
             assert estimate.forgotten == ()
         (placement,) = estimate.placements
-        low, high = placement.enclosure_m[0]
-        assert (low <= position_m).all() and (position_m <= high).all()
+        assert holds(estimate, position_m)
         half_widths_rad[memory_s] = placement.heading_half_width_rad[0]
         known = placement.heading_known[0]
     assert known and half_widths_rad[30.0] < 0.5 < half_widths_rad[0.0]

@@ -14,13 +14,11 @@ import pytest
 from dg_localization.fleet import (
     ConfigError,
     RangeErrorModel,
-    Rejection,
     RejectionReason,
     error_models,
 )
 from dg_localization.fleet.error_models import (
     distance_bounds_m,
-    interpret_ray,
     likeliest_distance_m,
     projected_half_width_rad,
 )
@@ -109,29 +107,6 @@ def test_variance_counts_with_a_sigma_factor():
         assert str(wrong) in rejection.text
 
 
-@pytest.mark.parametrize(
-    ('range_m', 'limits', 'reason'),
-    [
-        (math.nan, (0.1, 8.0), RejectionReason.NAN),
-        (-0.1, (0.1, 8.0), RejectionReason.NEGATIVE),
-        (-0.1, (0.0, 0.0), RejectionReason.NEGATIVE),
-        (8.1, (0.1, 8.0), RejectionReason.ABOVE_MAX),
-        (0.05, (0.1, 8.0), RejectionReason.BELOW_MIN),
-        (math.inf, (0.1, 8.0), RejectionReason.NOTHING_IN_RANGE),
-        (math.inf, (0.0, 0.0), RejectionReason.NOTHING_IN_RANGE),
-        (-math.inf, (0.0, 0.0), RejectionReason.TOO_CLOSE),
-        (-math.inf, (None, None), RejectionReason.TOO_CLOSE),
-        (-math.inf, (math.nan, 8.0), RejectionReason.TOO_CLOSE),
-    ],
-)
-def test_what_is_no_reading_is_rejected_with_its_value(range_m, limits, reason):
-    rejection = interpret_range(UWB, range_m, *limits)
-    assert isinstance(rejection, Rejection)
-    assert rejection.reason is reason
-    assert str(range_m) in rejection.text
-    assert str(rejection) == rejection.text
-
-
 @pytest.mark.parametrize('limits', [(0.0, 0.0), (None, None), (math.nan, math.nan), (0.0, 100.0)])
 def test_limits_that_are_not_given_exclude_nothing(limits):
     assert interpret_range(EXACT, 42.0, *limits) == pytest.approx((42.0, 42.0))
@@ -146,31 +121,6 @@ def test_beyond_the_maximum_is_a_lower_bound_only_where_stated():
 
 def test_closer_than_the_minimum_is_an_upper_bound():
     assert interpret_range(UWB, -math.inf, 0.3, 8.0) == pytest.approx((0.0, 0.4))
-
-
-def test_a_ray_is_scaled_and_flattened_in_the_plane():
-    assert interpret_ray([3.0, 0.0, 4.0], 2) == pytest.approx([1.0, 0.0, 0.0])
-    assert interpret_ray([3.0, 0.0, 4.0], 3) == pytest.approx([0.6, 0.0, 0.8])
-    assert interpret_ray([1e-200, 1e-200, 0.0], 2) == pytest.approx([0.5**0.5, 0.5**0.5, 0.0])
-    assert interpret_ray([1e200, 0.0, 0.0], 2) == pytest.approx([1.0, 0.0, 0.0])
-
-
-@pytest.mark.parametrize(
-    ('ray', 'dimension', 'reason'),
-    [
-        ([0.0, 0.0, 0.0], 3, RejectionReason.ZERO_RAY),
-        ([0.0, 0.0, 2.0], 2, RejectionReason.ZERO_RAY),
-        ([math.nan, 0.0, 1.0], 3, RejectionReason.INVALID_RAY),
-        ([math.inf, 0.0, 1.0], 3, RejectionReason.INVALID_RAY),
-        ([1.0, 0.0], 2, RejectionReason.INVALID_RAY),
-    ],
-)
-def test_a_ray_without_direction_is_rejected(ray, dimension, reason):
-    with pytest.raises(RefusedError) as refused:
-        interpret_ray(np.array(ray), dimension)
-    rejection = refused.value.rejection
-    assert rejection.reason is reason
-    assert str(ray[0]) in rejection.text
 
 
 def test_the_projection_of_a_steep_ray_turns_more_than_the_ray():

@@ -229,15 +229,6 @@ def test_a_link_goes_stale_and_comes_back(localizer):
     assert not link(localizer, NOW_S + 2.0).stale
 
 
-def test_reset_forgets_everything(localizer):
-    localizer.add_range('a', 'b', 3.0, NOW_S, NOW_S)
-    localizer.add_odometry('a', [0.0, 0.0, 0.0], UPRIGHT, NOW_S, NOW_S)
-    localizer.reset()
-    assert localizer.input_states(NOW_S) == []
-    assert localizer.step(NOW_S).reason == 'no usable measurement has arrived yet'
-    assert localizer.add_odometry('a', [0.0, 0.0, 0.0], UPRIGHT, 1.0, 1.0) is None
-
-
 def drive(localizer, robot, way, start_s=NOW_S - 0.4, step_s=0.1):
     for tick, x in enumerate(way):
         stamp_s = start_s + tick * step_s
@@ -309,21 +300,6 @@ def test_odometry_must_be_in_order(localizer):
     rejection = localizer.add_odometry('a', [0.0, 0.0, 0.0], UPRIGHT, NOW_S - 0.4, NOW_S)
     assert rejection.reason is RejectionReason.TOO_OLD
     assert 'not newer' in rejection.text
-
-
-def test_a_ray_that_points_up_and_may_be_far_off_tells_no_heading():
-    """Its angle to the true direction is below 2 rad, and that of its horizontal part is not."""
-    config = FleetConfig(robots=('a', 'b'), bearing_half_width_rad=2.0)
-    elevation_rad, off_rad = math.radians(60.0), 2.5
-    horizontal = math.cos(elevation_rad)
-    ray = [horizontal * math.cos(off_rad), horizontal * math.sin(off_rad), math.sin(elevation_rad)]
-    assert math.acos(ray[0]) < 2.0
-    half_widths_rad = []
-    for measured in (ray, [1.0, 0.0, 0.0]):
-        localizer = Localizer(config)
-        assert localizer.add_bearing('a', 'b', measured, NOW_S, NOW_S) is None
-        half_widths_rad.append(localizer.snapshot(NOW_S).rays[0].half_width_rad)
-    assert half_widths_rad == [math.pi, 2.0]
 
 
 def test_what_is_later_than_the_answer_is_not_called_old():

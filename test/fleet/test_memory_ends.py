@@ -7,13 +7,13 @@ import math
 
 import numpy as np
 import pytest
+from sensing import add_odometry, add_ranges, anchors_at
 
 from dg_localization import Verdict
-from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
+from dg_localization.fleet import FleetConfig, Localizer, RangeErrorModel
 from dg_localization.fleet.odometry import OdometryErrorModel
 
 START_S, MEMORY_S, STEP_S = 100.0, 10.0, 0.2
-UNTURNED = (0.0, 0.0, 0.0, 1.0)
 ANCHORS_M = {'a': (0.0, 5.0), 'b': (0.0, -5.0), 'c': (8.0, 4.0)}
 PLACES_M = {'r': (2.0, 0.0), 's': (3.0, 1.0)}
 
@@ -31,11 +31,11 @@ def localizer_of(robots, **settings):
     )
 
 
-def enclosures_among_anchors(first_error, outliers):
+def enclosures_among_anchors(first_error_m, outliers):
     """Return the enclosures of two parked robots by time since the start."""
     localizer = localizer_of(
         tuple(PLACES_M),
-        anchors={name: Anchor(place_m) for name, place_m in ANCHORS_M.items()},
+        anchors=anchors_at(ANCHORS_M),
         range_error=RangeErrorModel(-0.01, 0.01, -0.3, 0.3),
         window_outliers=outliers,
     )
@@ -43,11 +43,9 @@ def enclosures_among_anchors(first_error, outliers):
     for step in range(80):
         since_s, now_s = step * STEP_S, START_S + step * STEP_S
         for robot, place_m in PLACES_M.items():
-            localizer.add_odometry(robot, (*place_m, 0.0), UNTURNED, now_s, now_s, f'{robot}/odom')
-            for anchor, anchor_m in ANCHORS_M.items():
-                error = first_error if since_s < 0.5 else 0.0
-                range_m = (1.0 + error) * math.dist(place_m, anchor_m)
-                localizer.add_range(robot, anchor, range_m, now_s, now_s)
+            add_odometry(localizer, robot, place_m, now_s, frame=f'{robot}/odom')
+            off_m = first_error_m if since_s < 0.5 else 0.0
+            add_ranges(localizer, robot, place_m, ANCHORS_M, now_s, off_m)
         if step % 4 == 0 and since_s > 5.0:
             found[since_s] = localizer.step(now_s).placements[0].enclosure_m
     return found
@@ -56,7 +54,7 @@ def enclosures_among_anchors(first_error, outliers):
 @pytest.mark.parametrize('outliers', [0, 1])
 def test_what_is_older_than_the_memory_has_no_effect_among_anchors(outliers):
     """Other readings in the first half second, whose bounds hold as well, are of no account."""
-    some, others = (enclosures_among_anchors(error, outliers) for error in (0.0, 0.2))
+    some, others = (enclosures_among_anchors(error_m, outliers) for error_m in (0.0, 1.0))
     if not outliers:
         assert any((some[t] != others[t]).any() for t in some if t < MEMORY_S)
     for since_s, enclosure_m in some.items():
@@ -71,7 +69,7 @@ def triangle_that_cannot_be(measured_now):
     for step in range(60):
         since_s, now_s = step * STEP_S, START_S + step * STEP_S
         for robot in 'rst':
-            localizer.add_odometry(robot, (0, 0, 0), UNTURNED, now_s, now_s, f'{robot}/odom')
+            add_odometry(localizer, robot, (0.0, 0.0), now_s, frame=f'{robot}/odom')
         if since_s < 0.5:
             localizer.add_range('r', 's', 1.0, now_s, now_s)
             localizer.add_range('s', 't', 1.0, now_s, now_s)
@@ -105,8 +103,8 @@ def test_memory_answers_while_odometry_says_where_the_robots_go(odometry_goes_on
         now_s = START_S + step * STEP_S
         if step < 10 or odometry_goes_on:
             for x_m, robot in enumerate('rs'):
-                place_m = (float(x_m), 0.1 * step, 0.0)
-                localizer.add_odometry(robot, place_m, UNTURNED, now_s, now_s, f'{robot}/odom')
+                place_m = float(x_m), 0.1 * step
+                add_odometry(localizer, robot, place_m, now_s, frame=f'{robot}/odom')
         if step < 10:
             localizer.add_range('r', 's', 1.0, now_s, now_s)
     assert bool(localizer.step(now_s).placements) is odometry_goes_on

@@ -8,6 +8,7 @@ import os
 
 import numpy as np
 import pytest
+from sensing import ray
 from shapes import holds, turn
 
 from dg_localization.fleet import Anchor, FleetConfig, Localizer, Mount, RangeErrorModel
@@ -68,11 +69,9 @@ class Rig:
         for name in self.seen:
             age_s = self.rng.uniform(0.0, 0.4)
             place, yaw = self.at('cam', age_s)
-            way = self.places[name] - place
-            angle = math.atan2(way[1], way[0]) - yaw
-            angle += self.rng.uniform(-1.0, 1.0) * self.error_rad
-            ray = (math.cos(angle), math.sin(angle), 0.0)
-            assert localizer.add_bearing(camera, name, ray, NOW_S - age_s, NOW_S) is None
+            off_rad = self.rng.uniform(-1.0, 1.0) * self.error_rad
+            seen = ray(place, self.places[name], yaw - off_rad)
+            assert localizer.add_bearing(camera, name, seen, NOW_S - age_s, NOW_S) is None
         return localizer.step(NOW_S)
 
     def holds(self, estimate):

@@ -8,11 +8,11 @@ import math
 
 import numpy as np
 import pytest
+from sensing import add_odometry, anchors_at
 from shapes import attitude, holds, in_space, turn
 
 from dg_localization import SolverOptions, Verdict
 from dg_localization.fleet import (
-    Anchor,
     FleetConfig,
     Localizer,
     Mount,
@@ -54,7 +54,7 @@ def drive(dimension, memory_s, *, lies=(), seed=0, noise_m=0.0, camera=False, **
     config = FleetConfig(
         robots=('r',),
         dimension=dimension,
-        anchors={name: Anchor(tuple(place)) for name, place in anchors_m.items()},
+        anchors=anchors_at(anchors_m),
         mounts={'r': {'tag': Mount(tuple(TAG_M[:dimension]), bound_m=0.01)}},
         range_error=RangeErrorModel(-0.02 - 1.4 * noise_m, 0.02 + 1.4 * noise_m, 0.0, 0.0),
         bearing_half_width_rad=0.1,
@@ -147,9 +147,8 @@ def test_ranges_of_two_sensors_that_differ_make_nobody_suspect():
     localizer = Localizer(config)
     for tick in range(40):
         now_s = 10.0 + 0.1 * tick
-        place = np.array([0.05 * tick, 0.0, 0.0])
-        for robot, start in (('r', np.zeros(3)), ('s', np.array([3.0, 0.0, 0.0]))):
-            localizer.add_odometry(robot, start + place, (0.0, 0.0, 0.0, 1.0), now_s, now_s)
+        for robot, start_m in (('r', 0.0), ('s', 3.0)):
+            add_odometry(localizer, robot, (start_m + 0.05 * tick, 0.0), now_s)
         localizer.add_range('r/ahead', 's', 2.5, now_s, now_s)
         localizer.add_range('r/behind', 's', 3.5, now_s, now_s)
     estimate = localizer.step(now_s)

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 import pytest
+from sensing import add_ranges, anchors_at
 from shapes import holds, random_rotation
 
 from dg_localization import SolverOptions, Verdict
@@ -56,22 +57,20 @@ def test_sensors_of_a_parked_robot_turn_with_it():
     localizer = Localizer(
         FleetConfig(
             ['parked', 'r'],
-            anchors={name: Anchor(place) for name, place in places.items()},
+            anchors=anchors_at(places),
             mounts={'parked': {'left': (0.0, 0.5)}},
             range_error=RangeErrorModel(0.0, 0.0, -1e-3, 1e-3),
             max_speed_m_s=0.0,
         )
     )
     place = (3.0, 4.0)
-    for name in 'bc':
-        localizer.add_range('r', name, math.dist(place, places[name]), NOW_S, NOW_S)
+    add_ranges(localizer, 'r', place, {name: places[name] for name in 'bc'}, NOW_S)
     for stamp_s, yaw in ((NOW_S - 0.5, 0.0), (NOW_S, 0.5)):
         left = (-0.5 * math.sin(yaw), 0.5 * math.cos(yaw))
-        localizer.add_range('parked/left', 'r', math.dist(place, left), stamp_s, NOW_S)
+        add_ranges(localizer, 'parked/left', left, {'r': place}, stamp_s, now_s=NOW_S)
     estimate = localizer.step(NOW_S)
     assert estimate.verdict is not Verdict.INFEASIBLE, estimate.reason
-    boxes_m = [placement.enclosure_m[1] for placement in estimate.placements]
-    assert any((low <= place).all() and (place <= high).all() for low, high in boxes_m)
+    assert holds(estimate, [places['parked'], place])
 
 
 SITES = [1, 2, 3, 4, 5]

@@ -253,24 +253,6 @@ def test_yaw_and_tilt_change_faster_than_a_steep_body_turns():
     assert path.past_poses([0.0], 5.0).yaw_rad.upper[0] > math.pi
 
 
-def test_stamps_must_increase():
-    level = [np.eye(3)] * 3
-    with pytest.raises(ValueError, match=r'2\.0 s is followed by 2\.0 s'):
-        OdometryPath([1.0, 2.0, 2.0], np.zeros((3, 3)), level, OdometryErrorModel())
-    with pytest.raises(ValueError, match='at least one sample'):
-        OdometryPath([], np.zeros((0, 3)), [], OdometryErrorModel())
-    path = OdometryPath([1.0, 2.0, 3.0], np.zeros((3, 3)), level, OdometryErrorModel())
-    with pytest.raises(ValueError, match='after now'):
-        path.past_poses([2.5], 2.0)
-
-
-def test_positions_too_large_to_be_subtracted_bound_nothing():
-    track = np.array([[1e308, 0.0, 0.0], [-1e308, 0.0, 0.0], [0.0, 0.0, 0.0]]), np.zeros(3)
-    path = path_of([0.0, 1.0, 2.0], track, OdometryErrorModel())
-    for past in (path.past_poses([0.0], 2.0), path.past_poses([0.0], 2.0, on_track=True)):
-        assert past.position_m.lower[0, 0] == -math.inf and past.position_m.upper[0, 0] == math.inf
-
-
 def level_path(stamps_s, places_m, error, limits):
     rotations = np.tile(np.eye(3), (len(stamps_s), 1, 1))
     return OdometryPath(np.array(stamps_s), np.array(places_m), rotations, error, limits)

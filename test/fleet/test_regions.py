@@ -5,7 +5,8 @@
 
 import numpy as np
 import pytest
-from shapes import holds
+from sensing import add_ranges, anchors_at
+from shapes import holds, missing
 
 from dg_localization import Verdict
 from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
@@ -16,22 +17,20 @@ ERROR = RangeErrorModel(-0.05, 0.05, 0.0, 0.0)
 def answer(anchors, places, peers=(), **settings):
     """Return the answer to ranges of robots to all anchors and to some peers."""
     rng = np.random.default_rng(5)
-    anchors = {name: Anchor(tuple(place)) for name, place in anchors.items()}
     config = FleetConfig(
         tuple(places),
-        anchors=anchors,
+        anchors=anchors_at(anchors),
         range_error=ERROR,
         memory_s=0.0,
         max_speed_m_s=0.0,
         **settings,
     )
     localizer = Localizer(config)
-    points = {**{name: anchor.coordinates_m for name, anchor in anchors.items()}, **places}
+    points = {**anchors, **places}
     links = [(robot, anchor) for robot in places for anchor in anchors]
     for observer, target in (*links, *peers):
-        true_m = np.linalg.norm(np.subtract(points[observer], points[target]))
-        reading_m = float(true_m + rng.uniform(-0.04, 0.04))
-        assert localizer.add_range(observer, target, reading_m, 100.0, 100.0) is None
+        aim = {target: points[target]}
+        add_ranges(localizer, observer, points[observer], aim, 100.0, rng.uniform(-0.04, 0.04))
     return localizer.step(100.0)
 
 
@@ -47,11 +46,7 @@ def nearest_deviations(estimate, places):
 
 def n_holding(estimate, places):
     """Return how many placements have all robots in their enclosures."""
-    truth_m = np.array(list(places.values()))
-    return sum(
-        bool(np.all((one.enclosure_m[:, 0] <= truth_m) & (truth_m <= one.enclosure_m[:, 1])))
-        for one in estimate.placements
-    )
+    return sum(not missing(one, [*places.values()]) for one in estimate.placements)
 
 
 @pytest.mark.parametrize('bump_m', [1e-6, 1e-3, 0.03])
@@ -114,9 +109,7 @@ def localizer(anchors, bound_m):
     )
     found = Localizer(config)
     for robot, place in TRUTH.items():
-        for anchor in SEEN:
-            apart = np.linalg.norm(np.subtract(place, MAP[anchor]))
-            found.add_range(robot, anchor, float(apart) + 0.04, 1.0, 1.0)
+        add_ranges(found, robot, place, {anchor: MAP[anchor] for anchor in SEEN}, 1.0, 0.04)
     return found
 
 

@@ -5,15 +5,14 @@
 
 from collections import Counter
 from itertools import combinations
-import math
 import re
 
 import numpy as np
 import pytest
+from sensing import add_odometry, add_ranges, anchors_at
 
 from dg_localization import SolverOptions, Verdict
 from dg_localization.fleet import (
-    Anchor,
     FleetConfig,
     Localizer,
     OdometryErrorModel,
@@ -54,8 +53,7 @@ def localizer_of(places, pairs, **settings):
     }
     localizer = Localizer(FleetConfig(**{**defaults, **settings}))
     for first, second in pairs:
-        distance_m = math.dist(places[first], places[second])
-        assert localizer.add_range(first, second, distance_m, NOW_S, NOW_S) is None
+        add_ranges(localizer, first, places[first], {second: places[second]}, NOW_S)
     return localizer
 
 
@@ -86,8 +84,7 @@ def test_a_range_would_fix_a_hinge():
     # The pair with the longest arms: r1 is 8.5 m from the hinge, r5 5.7 m.
     assert estimate.would_fix == ('range r1 - r5 would fix the hinge at r4',)
     assert estimate.would_fix[0] in estimate.reason
-    distance_m = math.dist(TWO_FOURS['r1'], TWO_FOURS['r5'])
-    localizer.add_range('r1', 'r5', distance_m, NOW_S, NOW_S)
+    add_ranges(localizer, 'r1', TWO_FOURS['r1'], {'r5': TWO_FOURS['r5']}, NOW_S)
     assert not any(placement.flexible for placement in localizer.step(NOW_S).placements)
 
 
@@ -100,8 +97,7 @@ def test_a_range_across_would_decide_a_reflection():
     assert text.endswith('or bearings would decide the reflection in s2, s3')
     first, second = text.split()[1], text.split()[3]
     assert {first, second} <= set(places) - {'s2', 's3'}
-    distance_m = math.dist(places[first], places[second])
-    localizer.add_range(first, second, distance_m, NOW_S, NOW_S)
+    add_ranges(localizer, first, places[first], {second: places[second]}, NOW_S)
     fixed = localizer.step(NOW_S)
     assert (fixed.n_hypotheses, fixed.would_fix) == (2, ())
 
@@ -158,7 +154,7 @@ def drawn_fleet(rng, dimension):
                 body_of[f'{robot}/{sensor}'] = robot
     settings = {
         'robots': tuple(robots),
-        'anchors': {name: Anchor(tuple(places[name])) for name in anchors},
+        'anchors': anchors_at({name: places[name] for name in anchors}),
         'mounts': mounts,
         'dimension': dimension,
         'solver': SolverOptions(resolution=0.05, max_boxes=30),
@@ -243,7 +239,7 @@ def estimate_after(dimension, heard, *, memory, moves=False, anchors=RING_ANCHOR
     anchors = {name: place[:dimension] for name, place in anchors.items()}
     config = FleetConfig(
         robots=('r',),
-        anchors={name: Anchor(place) for name, place in anchors.items()},
+        anchors=anchors_at(anchors),
         dimension=dimension,
         odometry_error=OdometryErrorModel(0.05, rotation_per_rad=0.05, tilt_rad=0.01),
     )
@@ -252,10 +248,9 @@ def estimate_after(dimension, heard, *, memory, moves=False, anchors=RING_ANCHOR
         now_s = NOW_S + second
         place_m = (3.0 + 0.4 * second * moves, 2.0, 1.0)
         if memory:
-            localizer.add_odometry('r', place_m, (0.0, 0.0, 0.0, 1.0), now_s, now_s)
-        for name in names:
-            range_m = math.dist(place_m[:dimension], anchors[name])
-            assert localizer.add_range('r', name, range_m, now_s, now_s) is None
+            add_odometry(localizer, 'r', place_m, now_s)
+        heard_m = {name: anchors[name] for name in names}
+        add_ranges(localizer, 'r', place_m[:dimension], heard_m, now_s)
         estimate = localizer.step(now_s)
     return estimate
 

@@ -7,11 +7,11 @@ import math
 
 import numpy as np
 import pytest
+from sensing import add_odometry, add_ranges, anchors_at, ray
 from shapes import holds
 
 from dg_localization import SolverOptions, Verdict
 from dg_localization.fleet import (
-    Anchor,
     FleetConfig,
     Localizer,
     OdometryErrorModel,
@@ -36,7 +36,7 @@ class Circling:
         self.localizer = Localizer(
             FleetConfig(
                 robots=('r',),
-                anchors={name: Anchor(place) for name, place in ANCHORS_M.items()},
+                anchors=anchors_at(ANCHORS_M),
                 range_error=RangeErrorModel(-1e-4, 1e-4, 0.0, 0.0),
                 max_speed_m_s=1.01 * SPEED_M_S,
                 max_turn_rate_rad_s=1.01 * SPEED_M_S / CIRCLE_M,
@@ -60,12 +60,9 @@ class Circling:
             place, yaw = self.pose(measured_s)
             stamp_s = measured_s + self.ahead_s
             if self.with_odometry:
-                turned = [0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)]
-                self.localizer.add_odometry('r', [*place, 0.0], turned, stamp_s, time_s)
-            for number, (name, anchor) in enumerate(ANCHORS_M.items()):
-                if tick % 7 == number:
-                    reading = float(np.linalg.norm(place - anchor))
-                    assert self.localizer.add_range('r', name, reading, stamp_s, time_s) is None
+                add_odometry(self.localizer, 'r', place, stamp_s, yaw, time_s)
+            due = dict([*ANCHORS_M.items()][tick % 7 : tick % 7 + 1])
+            add_ranges(self.localizer, 'r', place, due, stamp_s, now_s=time_s)
             if tick % 10 == 9:
                 yield time_s, self.localizer.step(time_s)
 
@@ -92,7 +89,7 @@ def turning(**settings):
     return Localizer(
         FleetConfig(
             robots=('r',),
-            anchors={name: Anchor(place) for name, place in ANCHORS_M.items()},
+            anchors=anchors_at(ANCHORS_M),
             range_error=RangeErrorModel(-1e-3, 1e-3, 0.0, 0.0),
             bearing_half_width_rad=0.005,
             max_speed_m_s=0.0,
@@ -109,15 +106,11 @@ def test_a_ray_with_the_stamp_of_the_answer_may_be_of_another_time(ahead_s, with
     localizer = turning(stamp_error_s=0.05)
     measured_s, stamp_s, now_s = 100.0, 100.0 + ahead_s, 100.05
     if with_odometry:
-        turned = [0.0, 0.0, math.sin(0.5 * measured_s), math.cos(0.5 * measured_s)]
-        assert localizer.add_odometry('r', [0.0] * 3, turned, stamp_s, now_s) is None
-    for name, anchor in ANCHORS_M.items():
-        way = np.array(anchor) - [3.0, 3.0]
-        angle = math.atan2(way[1], way[0]) - measured_s
-        reading = float(np.linalg.norm(way))
-        assert localizer.add_range('r', name, reading, stamp_s, now_s) is None
-        ray = [math.cos(angle), math.sin(angle), 0.0]
-        assert localizer.add_bearing('r', name, ray, stamp_s, now_s) is None
+        add_odometry(localizer, 'r', (0.0, 0.0), stamp_s, measured_s, now_s)
+    add_ranges(localizer, 'r', (3.0, 3.0), ANCHORS_M, stamp_s, now_s=now_s)
+    for name, anchor_m in ANCHORS_M.items():
+        seen = ray((3.0, 3.0), anchor_m, measured_s)
+        assert localizer.add_bearing('r', name, seen, stamp_s, now_s) is None
     (placement,) = localizer.step(stamp_s).placements
     off_rad = math.remainder(yaw_of(placement.orientations_xyzw[0]) - stamp_s, math.tau)
     assert abs(off_rad) <= placement.heading_half_width_rad[0] < 0.15

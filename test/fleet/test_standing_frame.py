@@ -8,10 +8,10 @@ import math
 from circling import START_S, Circling
 import numpy as np
 import pytest
+from sensing import add_odometry
 from shapes import holds
 
 from dg_localization.fleet import FleetConfig, Localizer, OdometryErrorModel
-from dg_localization.fleet.rotations import quaternion_of_yaw
 
 
 def circling(**settings):
@@ -127,9 +127,7 @@ def test_old_odometry_widens_the_answer():
             FleetConfig(robots=('a', 'b'), max_speed_m_s=0.5, max_turn_rate_rad_s=1.0)
         )
         now_s = START_S + age_s
-        localizer.add_odometry(
-            'a', [1.0, 2.0, 0.0], quaternion_of_yaw(0.5), START_S, START_S, 'odom'
-        )
+        add_odometry(localizer, 'a', (1.0, 2.0), START_S, 0.5, frame='odom')
         localizer.add_range('a', 'b', 3.0, now_s, now_s)
         localizer.add_bearing('a', 'b', [1.0, 0.0, 0.0], now_s, now_s)
         localizer.add_bearing('b', 'a', [1.0, 0.0, 0.0], now_s, now_s)

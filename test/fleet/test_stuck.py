@@ -6,6 +6,7 @@
 import math
 
 import pytest
+from sensing import add_odometry
 
 from dg_localization.fleet import FleetConfig, LinkKey, LinkKind, Localizer, RejectionReason
 
@@ -18,9 +19,7 @@ def watched(value_of, motion, count=30, **settings):
     for step in range(count):
         now_s = START_S + 0.1 * step
         for robot, (x_m, yaw_rad) in motion(step).items():
-            half = yaw_rad / 2.0
-            orientation = [0.0, 0.0, math.sin(half), math.cos(half)]
-            localizer.add_odometry(robot, [x_m, 0.0, 0.0], orientation, now_s, now_s)
+            add_odometry(localizer, robot, (x_m, 0.0), now_s, yaw_rad)
         value = value_of(step)
         if isinstance(value, float):
             localizer.add_range('a', 'b', value, now_s, now_s)

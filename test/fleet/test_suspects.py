@@ -9,11 +9,11 @@ import re
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
+from sensing import anchors_at, ray
 from shapes import holds
 
 from dg_localization import SolverOptions, Verdict
 from dg_localization.fleet import (
-    Anchor,
     FleetConfig,
     LinkKey,
     LinkKind,
@@ -34,7 +34,7 @@ PAIRS = [(robot, other) for robot in ROBOTS for other in PLACES if other != robo
 def make_localizer(**settings):
     defaults = {
         'robots': ROBOTS,
-        'anchors': {name: Anchor(place) for name, place in ANCHORS.items()},
+        'anchors': anchors_at(ANCHORS),
         'max_speed_m_s': 0.0,
         'range_error': RangeErrorModel(min_error_relative=-0.02, max_error_relative=0.02),
         'bearing_half_width_rad': 0.02,
@@ -49,18 +49,13 @@ def range_m(observer, target):
     return math.dist(PLACES[observer], PLACES[target])
 
 
-def ray(observer, target, off_rad=0.0):
-    (x, y), (u, v) = PLACES[observer], PLACES[target]
-    angle = math.atan2(v - y, u - x) - YAWS_RAD[observer] + off_rad
-    return [math.cos(angle), math.sin(angle), 0.0]
-
-
 def feed(localizer, turned=(), stamp_s=NOW_S, camera_s=None):
     """Give ranges of all pairs and rays, of the same detections unless `camera_s` is given."""
     for pair in PAIRS:
         localizer.add_range(*pair, range_m(*pair), stamp_s, stamp_s)
         off = 1.0 + 0.3 * PAIRS.index(pair) if pair in turned else 0.0
-        localizer.add_bearing(*pair, ray(*pair, off), camera_s or stamp_s, stamp_s)
+        seen = ray(*(PLACES[name] for name in pair), YAWS_RAD[pair[0]] - off)
+        localizer.add_bearing(*pair, seen, camera_s or stamp_s, stamp_s)
 
 
 def names(suspects):
@@ -124,7 +119,7 @@ def test_repeat_offenders_are_counted_for_a_minute():
 def test_two_anchors_that_are_exchanged_are_named_together(unit):
     exchanged = {**ANCHORS, 'm': ANCHORS['p'], 'p': ANCHORS['m']}
     localizer = make_localizer(
-        anchors={name: Anchor(place) for name, place in exchanged.items()},
+        anchors=anchors_at(exchanged),
         outlier_unit=unit,
         max_outliers=1,
     )
@@ -167,7 +162,7 @@ def test_wrong_observations_that_are_exposed_never_cost_the_truth(
     elsewhere = places + rng.uniform(-4.0, 4.0, places.shape) if agreeing else None
     localizer = make_localizer(
         robots=tuple(points[:robots]),
-        anchors={points[i]: Anchor(tuple(places[i])) for i in range(robots, len(points))},
+        anchors=anchors_at(dict(zip(points[robots:], places[robots:], strict=True))),
         max_outliers=wrong,
         max_hypotheses=5000,
     )

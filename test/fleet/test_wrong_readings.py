@@ -3,22 +3,21 @@
 
 """A beacon that is always wrong is named and dropped; first readings may be wrong, too."""
 
-import math
-
 import numpy as np
 import pytest
-from shapes import holds
+from sensing import add_odometry, add_ranges, anchors_at
+from shapes import holds, missing
 
 from dg_localization import Verdict
-from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
+from dg_localization.fleet import FleetConfig, Localizer, RangeErrorModel
 
 TICKS = 12
 ANCHORS_M = {
-    'b1': (0.0, 0.0),
-    'b2': (8.0, 0.5),
-    'b3': (0.5, 6.0),
-    'b4': (8.0, 6.5),
-    'b5': (4.0, -3.0),
+    'b1': (0.0, 0.0, 0.1),
+    'b2': (8.0, 0.5, 2.0),
+    'b3': (0.5, 6.0, 3.0),
+    'b4': (8.0, 6.5, 0.4),
+    'b5': (4.0, -3.0, 1.7),
 }
 
 
@@ -26,16 +25,12 @@ def estimates(
     wrong, *, error_m=1.5, n_anchors=4, dimension=2, speed_m_s=0.2, from_tick=0, **settings
 ):
     """Yield estimates of a robot with odometry, and where it truly is."""
-    heights_m = (0.1, 2.0, 3.0, 0.4, 1.7)
-    anchors = {
-        name: Anchor((*place, heights_m[k])[:dimension])
-        for k, (name, place) in enumerate([*ANCHORS_M.items()][:n_anchors])
-    }
+    anchors_m = {name: place[:dimension] for name, place in [*ANCHORS_M.items()][:n_anchors]}
     localizer = Localizer(
         FleetConfig(
             ('r1',),
             dimension=dimension,
-            anchors=anchors,
+            anchors=anchors_at(anchors_m),
             range_error=RangeErrorModel(-0.05, 0.3, 0.0, 0.0),
             max_speed_m_s=0.5,
             **settings,
@@ -45,11 +40,10 @@ def estimates(
         for step in range(5):
             now_s = 1000.0 + 0.5 * tick + 0.1 * step
             place = np.array([2.0 + speed_m_s * (now_s - 1000.0), 2.0, 0.0])
-            for name, anchor in anchors.items():
-                error = error_m if name == wrong and tick >= from_tick else 0.05
-                range_m = math.dist(place[:dimension], anchor.coordinates_m) + error
-                assert localizer.add_range('r1', name, range_m, now_s, now_s) is None
-            localizer.add_odometry('r1', place, (0.0, 0.0, 0.0, 1.0), now_s, now_s)
+            for name, anchor_m in anchors_m.items():
+                off_m = error_m if name == wrong and tick >= from_tick else 0.05
+                add_ranges(localizer, 'r1', place[:dimension], {name: anchor_m}, now_s, off_m)
+            add_odometry(localizer, 'r1', place, now_s)
         yield localizer.step(now_s), place[:dimension]
 
 
@@ -96,28 +90,23 @@ def test_the_first_readings_of_a_pair_are_not_trusted_either(others):
     localizer = Localizer(
         FleetConfig(
             robots=tuple(places_m),
-            anchors={name: Anchor(place_m) for name, place_m in anchors_m.items()},
+            anchors=anchors_at(anchors_m),
             range_error=RangeErrorModel(min_error_m=-0.1, max_error_m=0.1),
             window_outliers=1,
         )
     )
 
-    def measure(robot, stamp_s, off_m=0.0):
-        for name, place_m in anchors_m.items():
-            range_m = math.dist(place_m, places_m[robot]) + off_m * (name == 'west')
-            assert localizer.add_range(robot, name, range_m, stamp_s, stamp_s) is None
-
     stamps_s = 100.0 + 0.1 * np.arange(20)
     for stamp_s in stamps_s:
         for robot in places_m:
-            localizer.add_odometry(robot, (0, 0, 0), (0, 0, 0, 1), stamp_s, stamp_s, robot)
+            add_odometry(localizer, robot, (0.0, 0.0), stamp_s, frame=robot)
         if others:
-            measure('r1', stamp_s)
-    measure('r0', stamp_s + 0.05, off_m=1.0)
+            add_ranges(localizer, 'r1', places_m['r1'], anchors_m, stamp_s)
+    for name, anchor_m in anchors_m.items():
+        target, off_m = {name: anchor_m}, float(name == 'west')
+        add_ranges(localizer, 'r0', places_m['r0'], target, stamp_s + 0.05, off_m)
     estimate = localizer.step(localizer.answer_time(stamp_s + 0.06))
     assert estimate.stamp_s == stamp_s and estimate.verdict is not Verdict.INFEASIBLE
     assert not estimate.forgotten
-    for placement in estimate.placements:
-        low, high = placement.enclosure_m[0]
-        assert np.all((low <= places_m['r0']) & (places_m['r0'] <= high))
+    assert not any(missing(one, [*places_m.values()]) for one in estimate.placements)
     assert bool(estimate.placements) is others

@@ -172,16 +172,6 @@ def test_what_does_not_fit_is_refused():
         pose_array_to_cdr(PoseList(math.nan, 'm', np.ones((1, 3)), np.ones((1, 4))))
 
 
-@pytest.mark.parametrize('type_name, value', VALUES, ids=[name for name, _ in VALUES])
-def test_message_decoded_by_rosbags_reads_the_same(type_name, value):
-    serialization = pytest.importorskip('rclpy.serialization')
-    typesys = pytest.importorskip('rosbags.typesys')
-    adapter = adapter_for(type_name)
-    wire = bytes(serialization.serialize_message(adapter.to_message(value)))
-    store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
-    assert_same(adapter.from_message(store.deserialize_cdr(wire, type_name)), value)
-
-
 def test_every_adapter_has_a_round_trip_here_or_beside():
     others = {name for name in known_types() if name not in dict(VALUES)}
     # Those have stand-ins, and their round trips in test_third_party_adapters.py.

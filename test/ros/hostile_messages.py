@@ -241,11 +241,8 @@ class HostileFleet:
         if how == 0:
             setattr(pose.position, self.random.choice('xyz'), self.random.choice((NAN, INF, -INF)))
         elif how == 1:
-            setattr(
-                pose.orientation,
-                self.random.choice('xyzw'),
-                self.random.choice((NAN, INF, -2.0, 1e200, 1.7e308)),
-            )
+            wrong = self.random.choice((NAN, INF, -2.0, 1e200, 1.7e308))
+            setattr(pose.orientation, self.random.choice('xyzw'), wrong)
         elif how == 2:
             pose.orientation.z = pose.orientation.w = 0.0
         else:
@@ -255,27 +252,20 @@ class HostileFleet:
         own, n_points = self._index(key.observer), len(self.config.points)
         other = (own + 1) % n_points
         nothing, ray = (NAN, NAN, NAN), (1.0, 0.0, 0.0)
-        how = self.random.randrange(8)
-        if how == 0:
-            rows = [(own, 1.0, *ray)] * self.random.randint(1, 2 * n_points)
-            self._fill_cloud(message, rows)
-        elif how == 1:
-            peer = self.random.choice((n_points, 2**31, 2**32 - 1))
-            self._fill_cloud(message, [(peer, 1.0, *ray)])
-        elif how == 2:
-            self._fill_cloud(message, [(other, NAN, *nothing), (other, -1.0, *nothing)])
-        elif how == 3:
-            self._fill_cloud(message, [(other, INF, NAN, 1.0, INF), (other, -INF, 0.0, 0.0, -0.0)])
-        elif how == 4:
-            self._fill_cloud(message, [(other, 1.0, *ray)] * (2 * n_points + 1))
-        elif how == 5:
-            self._fill_cloud(message, [(other, 1.0, *ray)])
+        how, usual = self.random.randrange(8), [(other, 1.0, *ray)]
+        useless = [
+            [(own, 1.0, *ray)] * self.random.randint(1, 2 * n_points),
+            [(self.random.choice((n_points, 2**31, 2**32 - 1)), 1.0, *ray)],
+            [(other, NAN, *nothing), (other, -1.0, *nothing)],
+            [(other, INF, NAN, 1.0, INF), (other, -INF, 0.0, 0.0, -0.0)],
+            usual * (2 * n_points + 1),
+        ]
+        self._fill_cloud(message, useless[how] if how < len(useless) else usual)
+        if how == 5:
             message.fields = message.fields[: self.random.randrange(2)]
         elif how == 6:
-            self._fill_cloud(message, [(other, 1.0, *ray)])
             message.data = message.data[: self.random.randrange(36)]
-        else:
-            self._fill_cloud(message, [(other, 1.0, *ray)])
+        elif how == 7:
             self.random.choice(message.fields).datatype = self.random.choice((0, 9, 255))
 
     # Anything at all.

@@ -5,7 +5,7 @@
 
 import json
 
-import numpy as np
+from geometry_msgs.msg import PoseStamped
 from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import (
@@ -18,6 +18,7 @@ from rosbags.interfaces import (
 )
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from sensor_msgs.msg import Range
 
 from dg_localization.ros.executables import localize_bag
 from dg_localization.ros.simulation.simulate_fleet import (
@@ -27,8 +28,9 @@ from dg_localization.ros.simulation.simulate_fleet import (
 from msg_adapters import adapter_for
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
-STORE.register(get_types_from_msg('float64 x', 'strange_msgs/msg/Odd'))
-TYPES = STORE.types
+ODD = 'strange_msgs/msg/Odd'
+STORE.register(get_types_from_msg('float64 x', ODD))
+ODD_MESSAGE = STORE.serialize_cdr(STORE.types[ODD](1.0), ODD)
 RANGE = 'sensor_msgs/msg/Range'
 POSE = 'geometry_msgs/msg/PoseStamped'
 ODOMETRY = 'nav_msgs/msg/Odometry'
@@ -53,36 +55,21 @@ def write_parameters(folder, **given):
     return path
 
 
-def stamped(time_ns, frame_id=''):
-    stamp = TYPES['builtin_interfaces/msg/Time'](*divmod(time_ns, 10**9))
-    return TYPES['std_msgs/msg/Header'](stamp, frame_id)
+def stamped(message, time_ns, frame_id=''):
+    """Return the bytes of a message with a header."""
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(time_ns, 10**9)
+    message.header.frame_id = frame_id
+    return serialize_message(message)
 
 
 def range_message(time_ns, range_m, frame_id=''):
-    header = stamped(time_ns, frame_id)
-    return bytes(STORE.serialize_cdr(TYPES[RANGE](header, 0, 0.0, 0.0, 0.0, range_m, 0.0), RANGE))
-
-
-def _pose(x=0.0, y=0.0):
-    point = TYPES['geometry_msgs/msg/Point'](x, y, 0.0)
-    turn = TYPES['geometry_msgs/msg/Quaternion'](0.0, 0.0, 0.0, 1.0)
-    return TYPES['geometry_msgs/msg/Pose'](point, turn)
+    return stamped(Range(range=range_m), time_ns, frame_id)
 
 
 def pose_message(time_ns, place):
-    return STORE.serialize_cdr(TYPES[POSE](stamped(time_ns), _pose(*place)), POSE)
-
-
-def odometry_at_rest(time_ns, frame_id):
-    zero = TYPES['geometry_msgs/msg/Vector3'](0.0, 0.0, 0.0)
-    twist = TYPES['geometry_msgs/msg/Twist'](zero, zero)
-    message = TYPES[ODOMETRY](
-        stamped(time_ns, frame_id),
-        '',
-        TYPES['geometry_msgs/msg/PoseWithCovariance'](_pose(), np.zeros(36)),
-        TYPES['geometry_msgs/msg/TwistWithCovariance'](twist, np.zeros(36)),
-    )
-    return STORE.serialize_cdr(message, ODOMETRY)
+    message = PoseStamped()
+    message.pose.position.x, message.pose.position.y = place
+    return stamped(message, time_ns)
 
 
 def record_simulation(bag, seconds=20.0, change=lambda topic, message: message, **values):

@@ -39,7 +39,6 @@ from dg_localization.ros.interface.outputs import (
 )
 from dg_localization.ros.interface.poses import (
     feasible_poses,
-    frame_id,
     unique_pose,
 )
 from dg_localization.ros.interface.report import Malformed
@@ -372,20 +371,6 @@ def test_peers_have_a_status_together_and_one_each():
     changes['malformed'] = {'/a/peers': Malformed(2, 'no peer')}
     assert status('input peers a', None, **changes).values['malformed'] == '2'
     assert 'malformed' not in status('input range a->b', None, **changes).values
-
-
-def test_frames_are_named_after_what_they_are_tied_to():
-    names = [
-        frame_id(frame, 'hall')
-        for frame in (
-            FixedFrame(FrameKind.ANCHORS, ('p', 'q')),
-            FixedFrame(FrameKind.ODOMETRY, ('b',), 'b/odom'),
-            FixedFrame(FrameKind.HEADING, ('b',)),
-            FixedFrame(FrameKind.ROBOTS, ('a', 'b')),
-            None,
-        )
-    ]
-    assert names == ['hall', 'b/odom', 'b/base_link', 'fleet', 'hall']
 
 
 def test_robots_that_are_not_connected_to_the_frame_are_placed_in_their_own():

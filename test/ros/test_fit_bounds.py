@@ -67,26 +67,14 @@ def told(tmp_path, learn):
     return read
 
 
-def bounds_of(settings, kind, observer, target):
+def bounds_of(settings, observer, target, kind=LinkKind.RANGE):
     """Return the bounds of what one point measures of another."""
     of_all = settings.fleet.sensor_bounds
-    return next(
-        (
-            link.bounds_within(of_all)
-            for link in settings.links
-            if link.key.kind in (kind, LinkKind.PEERS)
-            and (link.key.observer, link.key.target or target) == (observer, target)
-        ),
-        of_all,
-    )
-
-
-def range_error_of(settings, observer, target):
-    return bounds_of(settings, LinkKind.RANGE, observer, target).range_error
-
-
-def half_width_of(settings, observer, target):
-    return bounds_of(settings, LinkKind.BEARING, observer, target).bearing_half_width_rad
+    for link in settings.links:
+        ends = link.key.observer, link.key.target or target
+        if link.key.kind in (kind, LinkKind.PEERS) and ends == (observer, target):
+            return link.bounds_within(of_all)
+    return of_all
 
 
 def test_bounds_of_a_simulated_fleet_are_found(tmp_path, learn):
@@ -126,13 +114,14 @@ def test_what_is_printed_is_what_the_node_takes(tmp_path, learn, told):
     assert code == 0
     settings = told()
     fleet = settings.fleet
-    apart = range_error_of(settings, 'robot_1', 'robot_2')
-    other = range_error_of(settings, *ROBOTS[1:3])
+    apart = bounds_of(settings, 'robot_1', 'robot_2').range_error
+    other = bounds_of(settings, *ROBOTS[1:3]).range_error
     assert apart.expected_error_m == pytest.approx(0.5, abs=0.1)
     assert other.expected_error_m == pytest.approx(0.0, abs=0.1)
     assert apart.max_error_m + 8.0 * apart.max_error_relative > 0.5
     assert other.max_error_m + 8.0 * other.max_error_relative < 0.4
-    assert half_width_of(settings, 'robot_1', 'robot_2') <= 0.025
+    rays = bounds_of(settings, 'robot_1', 'robot_2', LinkKind.BEARING)
+    assert rays.bearing_half_width_rad <= 0.025
     assert len(found['links']) == 9 + 18
     error, learned = fleet.odometry_error, found['odometry']
     assert error.translation_per_m == learned['translation_per_m']
@@ -175,7 +164,7 @@ def test_without_truth_bounds_are_widened_where_readings_scatter_more(tmp_path, 
     state(learn, range={'min_error': -0.01, 'max_error': 0.01, **EXACT})
     code, _ = learn(record_three(tmp_path / 'bag'))
     assert code == 0 and 'widened' in learn.output
-    bounds = range_error_of(told(), 'r1', 'r2')
+    bounds = bounds_of(told(), 'r1', 'r2').range_error
     assert 0.03 < bounds.max_error_m - bounds.min_error_m < 0.1
 
 
@@ -205,8 +194,9 @@ def test_peers_get_the_bounds_of_their_observer(tmp_path, learn, told):
     assert {text.split()[1] for text in found['links']} == {'sensor_msgs/msg/PointCloud2'}
     settings = told()
     for target in (*ROBOTS[1:], *LANDMARKS_M):
-        assert range_error_of(settings, 'robot_1', target).max_error_relative < 0.05
-        assert half_width_of(settings, 'robot_1', target) < 0.03
+        assert bounds_of(settings, 'robot_1', target).range_error.max_error_relative < 0.05
+        rays = bounds_of(settings, 'robot_1', target, LinkKind.BEARING)
+        assert rays.bearing_half_width_rad < 0.03
 
 
 @pytest.mark.parametrize('per', ['link', 'sensor', 'all'])
@@ -222,7 +212,7 @@ def test_a_link_without_truth_keeps_all_of_the_bounds_that_it_states(
     code, _ = learn(bag, '--per', per, *(('--truth', '/{robot}/truth') if truth else ()))
     assert code == 0
     settings = told()
-    biased, other = (range_error_of(settings, 'r1', target) for target in ('r3', 'r2'))
+    biased, other = (bounds_of(settings, 'r1', target).range_error for target in ('r3', 'r2'))
     assert (biased.min_error_m, biased.max_error_m) == (-0.1, 2.0)
     assert (biased.min_error_relative, biased.max_error_relative) == (0.0, 0.0)
     if truth:

@@ -29,6 +29,7 @@ INPUTS = int(os.environ.get('DG_FUZZ_INPUTS', '100000'))
 INPUTS_PER_FLEET = 500
 TESTS = 8
 FLEETS_PER_TEST = max(1, INPUTS // INPUTS_PER_FLEET // TESTS // 2)
+PARTS = [range(k * FLEETS_PER_TEST, (k + 1) * FLEETS_PER_TEST) for k in range(TESTS)]
 TOLERANCE_M = 1e-7
 
 
@@ -74,6 +75,14 @@ class Taker:
         states = self.intake.states(self.fleet.now_s).values()
         read = sum(state.accepted + sum(state.rejected.values()) for state in states)
         return read + sum(wrong.count for wrong in self.intake.malformed.values())
+
+    def check(self):
+        """Assert that what is known now, and the answer to it, are well formed; return both."""
+        snapshot = self.localizer.snapshot(self.fleet.now_s)
+        check_snapshot(snapshot)
+        estimate = self.localizer.estimate(snapshot)
+        check_estimate(estimate, self)
+        return snapshot, estimate
 
 
 def check_snapshot(snapshot):
@@ -145,19 +154,16 @@ def same_readings(first, second):
 def check_truth_is_kept(among_others, alone, seed):
     """Assert that the one taker knows what the other does, and that its answer has the truth."""
     fleet = among_others.fleet
-    snapshot = among_others.localizer.snapshot(fleet.now_s)
-    check_snapshot(snapshot)
+    snapshot, estimate = among_others.check()
     same_readings(snapshot, alone.localizer.snapshot(fleet.now_s))
-    estimate = among_others.localizer.estimate(snapshot)
-    check_estimate(estimate, among_others)
     assert estimate.verdict is not Verdict.INFEASIBLE, seed
     if estimate.placements:
         assert any(holds_truth(placement, fleet) for placement in estimate.placements), seed
 
 
-@pytest.mark.parametrize('test', range(TESTS))
-def test_useless_messages_change_nothing_and_the_truth_is_kept(test):
-    for seed in range(test * FLEETS_PER_TEST, (test + 1) * FLEETS_PER_TEST):
+@pytest.mark.parametrize('seeds', PARTS, ids=range(TESTS))
+def test_useless_messages_change_nothing_and_the_truth_is_kept(seeds):
+    for seed in seeds:
         fleet = HostileFleet.make(seed)
         among_others, alone = Taker(fleet), Taker(fleet)
         for _ in range(INPUTS_PER_FLEET):
@@ -175,9 +181,9 @@ def test_useless_messages_change_nothing_and_the_truth_is_kept(test):
         check_truth_is_kept(among_others, alone, seed)
 
 
-@pytest.mark.parametrize('test', range(TESTS))
-def test_anything_at_all_is_counted_and_answered(test):
-    for seed in range(test * FLEETS_PER_TEST, (test + 1) * FLEETS_PER_TEST):
+@pytest.mark.parametrize('seeds', PARTS, ids=range(TESTS))
+def test_anything_at_all_is_counted_and_answered(seeds):
+    for seed in seeds:
         fleet = HostileFleet.make(seed)
         taker = Taker(fleet)
         for _ in range(INPUTS_PER_FLEET):
@@ -186,9 +192,7 @@ def test_anything_at_all_is_counted_and_answered(test):
             link = fleet.random.choice(links)
             taker.take(link, fleet.any_message(link))
         assert taker.counted == taker.wanted, seed
-        snapshot = taker.localizer.snapshot(fleet.now_s)
-        check_snapshot(snapshot)
-        check_estimate(taker.localizer.estimate(snapshot), taker)
+        taker.check()
 
 
 class Raises:
@@ -244,9 +248,7 @@ def test_nonsense_of_adapters_is_counted_and_never_enters():
                 taker.intake.take(link, serialized(message), fleet.now_s)
             if taker.malformed(link) > before[1]:
                 assert taker.counted == before[0] + 1, value
-        snapshot = taker.localizer.snapshot(fleet.now_s)
-        check_snapshot(snapshot)
-        check_estimate(taker.localizer.estimate(snapshot), taker)
+        taker.check()
 
 
 @pytest.fixture
@@ -274,9 +276,9 @@ def make_takers(fleet, ids, number):
     return takers
 
 
-@pytest.mark.parametrize('test', range(TESTS))
-def test_useless_messages_with_ids_change_nothing(as_objects, test):
-    for seed in range(test * FLEETS_PER_TEST, (test + 1) * FLEETS_PER_TEST):
+@pytest.mark.parametrize('seeds', PARTS, ids=range(TESTS))
+def test_useless_messages_with_ids_change_nothing(as_objects, seeds):
+    for seed in seeds:
         fleet = HostileFleet.make(seed)
         ids = IdFleet(fleet)
         among_others, alone = make_takers(fleet, ids, 2)
@@ -295,9 +297,9 @@ def test_useless_messages_with_ids_change_nothing(as_objects, test):
         check_truth_is_kept(among_others, alone, seed)
 
 
-@pytest.mark.parametrize('test', range(TESTS))
-def test_anything_with_ids_is_counted_and_answered(as_objects, test):
-    for seed in range(test * FLEETS_PER_TEST, (test + 1) * FLEETS_PER_TEST):
+@pytest.mark.parametrize('seeds', PARTS, ids=range(TESTS))
+def test_anything_with_ids_is_counted_and_answered(as_objects, seeds):
+    for seed in seeds:
         fleet = HostileFleet.make(seed)
         ids = IdFleet(fleet)
         (taker,) = make_takers(fleet, ids, 1)
@@ -309,6 +311,4 @@ def test_anything_with_ids_is_counted_and_answered(as_objects, test):
             # It may have measured nobody, or nobody who counts.
             assert taker.counted >= before, seed
         assert taker.counted > INPUTS_PER_FLEET // 2, seed
-        snapshot = taker.localizer.snapshot(fleet.now_s)
-        check_snapshot(snapshot)
-        check_estimate(taker.localizer.estimate(snapshot), taker)
+        taker.check()

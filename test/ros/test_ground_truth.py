@@ -19,10 +19,8 @@ from small_bags import (  # noqa: E402
     pose_message,
 )
 
-from dg_localization.calibration.truth import TrueTrack  # noqa: E402
 from dg_localization.fleet.rotations import (  # noqa: E402
     quaternion_of_euler,
-    rotation_of_quaternion,
 )
 from dg_localization.ros.bags.truth import Poses, read_table  # noqa: E402
 from dg_localization.ros.executables import UsageError  # noqa: E402
@@ -81,17 +79,25 @@ def read_truth_file(path, robots, dimension):
     return poses
 
 
-@pytest.mark.parametrize('dimension', [2, 3])
-def test_a_table_tells_orientations_by_quaternions(tmp_path, dimension):
-    path, tilted = tmp_path / 'truth.csv', quaternion_of_euler(0.1, -0.2, 0.5)
-    text = ','.join(f'{number:.9f}' for number in tilted)
-    rows = [f'1.0,a,2.0,3.0,4.0,{text}', '2.0,a,2.0,3.0,4.0,,,,']
-    path.write_text('\n'.join(['stamp,robot,x,y,z,qx,qy,qz,qw', *rows]))
-    rows = read_truth_file(path, ['a'], dimension)['a']
-    robot = TrueTrack(*map(np.array, zip(*rows, strict=True)))
-    known, unknown = robot.rotations_at([1.0, 2.0])
-    assert known == pytest.approx(rotation_of_quaternion(tilted), abs=1e-8)
-    assert np.isnan(unknown).all()
+TILTED, QUATERNION = quaternion_of_euler(0.1, -0.2, 0.5), 'stamp,robot,x,y,z,qx,qy,qz,qw\n1,a,2,3,'
+
+
+@pytest.mark.parametrize(
+    ('dimension', 'table', 'turn'),
+    [
+        (2, 'stamp,robot,x,y,yaw\n1,a,2,3,0.5\n', quaternion_of_euler(0.0, 0.0, 0.5)),
+        (2, 'stamp,robot,x,y\n1,a,2,3\n', None),
+        (2, 'stamp,robot,x,y,z\n1,a,2,3,\n', None),
+        *((q, f'{QUATERNION}0,{",".join(map(str, TILTED))}\n', TILTED) for q in (2, 3)),
+        *((q, f'{QUATERNION}0,,,,\n', None) for q in (2, 3)),
+    ],
+)
+def test_a_table_tells_what_is_known(tmp_path, dimension, table, turn):
+    path = tmp_path / 'truth.csv'
+    path.write_text(table)
+    ((_, place_m, found),) = read_truth_file(path, ['a'], dimension)['a']
+    assert place_m.tolist() == [2.0, 3.0, 0.0]
+    assert not np.isfinite(found).all() if turn is None else found == pytest.approx(turn)
 
 
 @pytest.mark.parametrize(
@@ -111,24 +117,6 @@ def test_what_is_wrong_in_a_table_is_named(tmp_path, dimension, table, wanted):
     path.write_bytes(table if isinstance(table, bytes) else table.encode())
     with pytest.raises(UsageError, match=wanted):
         read_truth_file(path, ['a'], dimension)
-
-
-@pytest.mark.parametrize(
-    ('table', 'yaw_rad'),
-    [
-        ('stamp,robot,x,y,yaw\n1,a,2,3,0.5\n', 0.5),
-        ('stamp,robot,x,y\n1,a,2,3\n', None),
-        ('stamp,robot,x,y,z\n1,a,2,3,\n', None),
-    ],
-)
-def test_in_the_plane_a_table_needs_no_heights(tmp_path, table, yaw_rad):
-    path = tmp_path / 'truth.csv'
-    path.write_text(table)
-    ((_, place_m, turn),) = read_truth_file(path, ['a'], 2)['a']
-    assert place_m.tolist() == [2.0, 3.0, 0.0]
-    known = yaw_rad is not None
-    assert np.isfinite(turn).all() == known
-    assert not known or turn == pytest.approx(quaternion_of_euler(0.0, 0.0, yaw_rad))
 
 
 def test_the_report_says_that_a_table_tells_no_orientation_in_space(

@@ -16,20 +16,21 @@ import pytest
 
 pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not installed")
 
+from nav_msgs.msg import Odometry  # noqa: E402
 from processes import PIPES, start, wait_for  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 from small_bags import (  # noqa: E402
+    ODD,
+    ODD_MESSAGE,
     ODOMETRY,
     PERIOD_NS,
     RANGE,
     START_NS,
-    STORE,
     TRIANGLE,
-    TYPES,
     counts,
-    odometry_at_rest,
     range_message,
     read,
+    stamped,
     write_parameters,
     write_table,
 )
@@ -144,7 +145,7 @@ def test_answers_are_for_the_time_of_the_odometry_as_those_of_the_node(localize,
         recorder.write_triangle([step])
         for robot in 'abc':
             stamp_ns = START_NS + step * PERIOD_NS - late_ns
-            data = odometry_at_rest(stamp_ns, f'{robot}/odom')
+            data = stamped(Odometry(), stamp_ns, f'{robot}/odom')
             recorder.write(f'/{robot}/odom', step, data, ODOMETRY)
     code, _ = localize(recorder.close())
     assert code == 0
@@ -174,14 +175,13 @@ def test_links_and_remappings_work_as_for_the_node(localize, recorder):
 
 def test_what_is_missing_or_of_another_type_is_reported(localize, recorder):
     recorder.write_triangle(range(11))
-    odd = STORE.serialize_cdr(TYPES['strange_msgs/msg/Odd'](1.0), 'strange_msgs/msg/Odd')
-    recorder.write('/odd', 0, odd, 'strange_msgs/msg/Odd')
+    recorder.write('/odd', 0, ODD_MESSAGE, ODD)
     links = [f'/missing {RANGE} a b', f'/odd {RANGE} b a']
     code, report = localize(recorder.close(), links=links)
     assert code == 0 and report['accepted'] == 22
     assert report['notices'] == [
         '/missing of the links is not in the bag',
-        f'/odd is passed over: the link says {RANGE}, the bag strange_msgs/msg/Odd',
+        f'/odd is passed over: the link says {RANGE}, the bag {ODD}',
     ]
     _, (*_, last) = read(localize.output, '/diagnostics')
     missing = next(s for s in last.statuses if s.values.get('topic') == '/missing')
@@ -259,14 +259,14 @@ def test_the_table_of_ranges_in_the_docs_is_localized(tmp_path, monkeypatch):
 
 def test_answers_are_compared_with_a_table_of_the_truth(localize, triangle_bag, tmp_path, capsys):
     def places(stamp_s):
-        # Robot c is elsewhere for a while, and nobody knows where at the end.
-        c = {'c': (7.0, 9.0 if stamp_s < 0.95 else 9.5)} if stamp_s < 1.45 else {}
-        return {'a': (7.0, 5.0), 'b': (10.0, 5.0), **c}
+        # Robot c is elsewhere for a while, and nobody knows where the origin is at the end.
+        a = {'a': (7.0, 5.0)} if stamp_s < 1.45 else {}
+        return {**a, 'b': (10.0, 5.0), 'c': (7.0, 9.5 if 0.95 < stamp_s < 1.45 else 9.0)}
 
     table = write_table(tmp_path / 'truth.csv', places, np.arange(0.0, 2.2, 0.1))
     code, report = localize(triangle_bag, '--truth', table, max_speed=0.0)
     truth = report['truth']
-    # In the last answers the distance of a and b is compared.
+    # In the last answers the distance of b and c is compared.
     assert code == 0 and truth['compared'] == report['ticks'] == 10
     assert truth['held'] == 7 and truth['unlisted'] == 0
     (missed,) = truth['missed']

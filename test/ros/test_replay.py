@@ -14,15 +14,16 @@ pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not install
 import processes  # noqa: E402
 from processes import Listener  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
+from rclpy.serialization import serialize_message  # noqa: E402
 from rosbags.rosbag2 import StoragePlugin  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 from sensor_msgs.msg import Range  # noqa: E402
 from small_bags import (  # noqa: E402
     LATCHED,
+    ODD,
+    ODD_MESSAGE,
     PERIOD_NS,
     START_NS,
-    STORE,
-    TYPES,
     Recorder,
     range_message,
 )
@@ -32,7 +33,7 @@ from dg_localization.ros import executables  # noqa: E402
 
 REPOSITORY = Path(__file__).parents[2]
 COUNT = 10
-STRING, ODD, CLOCK = 'std_msgs/msg/String', 'strange_msgs/msg/Odd', 'rosgraph_msgs/msg/Clock'
+STRING, CLOCK = 'std_msgs/msg/String', 'rosgraph_msgs/msg/Clock'
 
 
 def write_bag(path, plugin):
@@ -40,12 +41,13 @@ def write_bag(path, plugin):
     recorder = Recorder(path, plugin)
     recorder.add('/name', STRING, [LATCHED])
     recorder.add('/silent', STRING)
-    recorder.write('/name', 0, STORE.serialize_cdr(TYPES[STRING]('latched'), STRING), STRING)
+    recorder.write('/name', 0, serialize_message(String(data='latched')), STRING)
     for step in range(COUNT):
         recorder.write('/a/range/b', step, range_message(START_NS + step * PERIOD_NS, 1.0 + step))
-        recorder.write('/odd', step, STORE.serialize_cdr(TYPES[ODD](1.0), ODD), ODD)
-        stamp = TYPES['builtin_interfaces/msg/Time'](5 + step, 0)
-        recorder.write('/clock', step, STORE.serialize_cdr(TYPES[CLOCK](stamp), CLOCK), CLOCK)
+        recorder.write('/odd', step, ODD_MESSAGE, ODD)
+        clock = Clock()
+        clock.clock.sec = 5 + step
+        recorder.write('/clock', step, serialize_message(clock), CLOCK)
     return recorder.close()
 
 

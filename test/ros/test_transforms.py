@@ -67,15 +67,6 @@ def found_of(made, odometry=(), body='a/base_link', fixed_frame='map', **others)
     return transforms(made, fixed_frame, {**tracks, **others}, {'a': body})
 
 
-def test_without_odometry_the_body_is_placed():
-    found = found_of(estimate(), fixed_frame='hall')
-    assert children(found) == {'a/base_link', 'b/base_link'}
-    a = found[0]
-    assert (a.stamp_s, a.frame_id) == (STAMP_S, 'hall')
-    assert a.translation_m.tolist() == [3.0, 4.0, 0.0]
-    assert a.rotation_xyzw == pytest.approx(yaw_xyzw(0.5 * math.pi))
-
-
 def test_a_chain_of_transforms_ends_at_the_body():
     """Between the poses of odometry, and a little beyond them."""
     rng = np.random.default_rng(1)

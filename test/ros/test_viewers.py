@@ -124,3 +124,24 @@ def test_a_name_is_not_drawn_over_its_robot_nor_twice_at_the_same_place(paper_fl
         ]
         assert min(gaps, default=1.0) > marker.scale.z
     assert len(names) < len(robots.points) / 3
+
+
+EKF = yaml.safe_load((REPOSITORY / 'config/ekf_example.yaml').read_text(encoding='utf-8'))
+EKF_VALUES = EKF['ekf_filter_node']['ros__parameters']
+EKF_SETTINGS = settings_from(check_values({'robots': ['robot_1']}))
+EKF_ROBOT = EKF_SETTINGS.fleet.robots[0]
+
+
+def test_it_fuses_positions_of_the_localizer_and_velocities_of_odometry():
+    types = {
+        output.name.replace('~', '/localizer'): output.message_class.__name__
+        for output in estimate_outputs((EKF_ROBOT,))
+    }
+    assert types[EKF_VALUES['pose0']] == 'PoseWithCovarianceStamped'
+    assert EKF_VALUES['world_frame'] == EKF_VALUES['map_frame'] == EKF_SETTINGS.fixed_frame
+    (odometry,) = [template for template in EKF_SETTINGS.templates if 'robot' in template.fields]
+    assert EKF_VALUES['odom0'] == odometry.text.format(robot=EKF_ROBOT)
+    # In the order x y z, roll pitch yaw, then their rates, then accelerations.
+    for source, wanted in (('pose0', [0, 1]), ('odom0', [6, 7, 11])):
+        fused = EKF_VALUES[f'{source}_config']
+        assert len(fused) == 15 and [i for i, one in enumerate(fused) if one] == wanted

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Cartesian enclosures against exact coordinates."""
+"""Cartesian enclosures against exact coordinates, and boxes of coordinates cut by distances."""
 
 import itertools
 
@@ -10,7 +10,10 @@ import numpy as np
 import pytest
 from solver_cases import squared_distances
 
-from dg_localization.solver.contract.coordinates import enclose_coordinates
+from dg_localization.solver.contract.coordinates import (
+    contract_coordinate_boxes,
+    enclose_coordinates,
+)
 
 mpmath = pytest.importorskip('mpmath')
 
@@ -63,22 +66,25 @@ def test_every_point_is_enclosed(seed):
                 assert low <= exact + slack and exact - slack <= high, (point, axis)
 
 
-@pytest.mark.parametrize('width', [0.0, 1e-9, 0.3])
-@pytest.mark.parametrize('size', [1.0, 1e-12, 1e12])
-@pytest.mark.parametrize('dimension', [2, 3])
-def test_a_frame_without_extent_may_have_any_direction(dimension, size, width):
-    """Of coincident frame points any axis will do, and the bounds hold along each of them."""
-    rng = np.random.default_rng(dimension)
-    positions = rng.integers(-9, 10, size=(6, dimension)) * size
-    positions[1] = positions[0]
-    if dimension == 3:
-        positions[2] = positions[0]
-    squared = squared_distances(positions)
-    frame = tuple(range(dimension + 1))
-    enclosure = enclose_coordinates(squared * (1.0 - width), squared * (1.0 + width), frame)
-    for _ in range(50):
-        axes, _ = np.linalg.qr(rng.normal(size=(dimension, dimension)))
-        along = (positions - positions[0]) @ axes
-        reach = 1e-14 * size * 30.0
-        assert (enclosure[:, 0, 0] <= along[:, 0] + reach).all()
-        assert (along[:, 0] - reach <= enclosure[:, 1, 0]).all()
+@settings(deadline=None)
+@given(
+    places=st.lists(st.tuples(st.integers(-9, 9), st.integers(-9, 9)), min_size=2, max_size=5),
+    slack=st.floats(0.0, 3.0),
+    margin=st.floats(0.0, 20.0),
+)
+def test_coordinate_boxes_keep_every_true_point(places, slack, margin):
+    points = np.array(places, dtype=float)
+    squared = ((points[:, None] - points[None]) ** 2).sum(axis=-1)
+    lower, upper = np.maximum(squared - slack, 0.0), squared + slack
+    low, high = points - margin, points + margin
+    low[0], high[0] = points[0], points[0]
+    assert contract_coordinate_boxes(low, high, lower, upper, 20)
+    assert (low <= points).all()
+    assert (points <= high).all()
+
+
+def test_coordinate_boxes_without_a_point_are_empty():
+    low, high = np.zeros((2, 2)), np.ones((2, 2))
+    lower = np.array([[0.0, 100.0], [100.0, 0.0]])
+    upper = np.array([[0.0, 200.0], [200.0, 0.0]])
+    assert not contract_coordinate_boxes(low, high, lower, upper, 20)

@@ -13,9 +13,7 @@ from dg_localization import JointKind
 from dg_localization.solver.decompose.decomposition import pieces_of
 from dg_localization.solver.decompose.graph import pairs_of
 from dg_localization.solver.decompose.rigid_components import (
-    implied_pairs,
     is_rigid,
-    rigid_components,
     rigid_rank,
 )
 
@@ -55,24 +53,6 @@ def near_pairs(rng, n_points, dimension, degree):
     """Return the closest pairs of random points."""
     _, pairs = neighbors(n_points, degree, dimension, int(rng.integers(2**32)))
     return as_array(pairs.tolist())
-
-
-@pytest.mark.parametrize('dimension', [2, 3])
-def test_components_are_the_largest_sets_of_implied_pairs(dimension):
-    rng = np.random.default_rng(dimension)
-    for trial in range(150):
-        n_points = int(rng.integers(2, 12))
-        pairs = near_pairs(rng, n_points, dimension, degree=int(rng.integers(1, 9)))
-        implied = implied_pairs(n_points, pairs, dimension)
-        components = rigid_components(n_points, pairs, dimension)
-        for component in components:
-            assert implied[np.ix_(component, component)].all(), trial
-            together = implied[list(component)].all(axis=0)
-            assert together.sum() == len(component), trial
-        for first, second in combinations(components, 2):
-            assert len(set(first) & set(second)) < dimension, trial
-        for pair in pairs.tolist():
-            assert any(set(pair) <= set(component) for component in components), trial
 
 
 def check_pieces(n_points, pairs, dimension):

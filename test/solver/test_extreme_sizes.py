@@ -1,15 +1,16 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Fleets of any size a double can tell: no placement is lost, and no bound becomes NaN."""
+"""Fleets of any size: no placement is lost, and a power of two scales every bound exactly."""
 
+from dataclasses import replace
 import math
 
 import numpy as np
 import pytest
 from solver_cases import Case, covers, random_case
 
-from dg_localization import Problem, SolverOptions
+from dg_localization import Problem, SolverOptions, solve
 
 LARGEST = None
 """The exponent at which the longest squared distance is about the largest double."""
@@ -40,3 +41,47 @@ def test_no_truth_is_lost(exponent):
             assert not np.isnan(hypothesis.boxes).any(), seed
             assert np.isfinite(hypothesis.positions).all(), seed
             assert (hypothesis.upper <= case.problem.upper).all(), seed
+
+
+SEEDS = range(60)
+
+
+def cover_of(result):
+    """Return all boxes of a result, in order."""
+    return [box for hypothesis in result.hypotheses for box in hypothesis.boxes]
+
+
+def assert_same_cover(result, other, factor=1.0):
+    assert result.verdict is other.verdict
+    assert len(result.hypotheses) == len(other.hypotheses)
+    for box, other_box in zip(cover_of(result), cover_of(other), strict=True):
+        assert np.array_equal(factor * box, other_box)
+
+
+@pytest.mark.parametrize('power', [-25, 3, 30])
+def test_scaling_by_a_power_of_two_scales_every_bound_exactly(paper_fleet, power):
+    scale = 2.0**power
+    problems = [(paper_fleet.problem(), SolverOptions())] + [
+        (case.problem, case.options) for case in map(random_case, SEEDS)
+    ]
+    for index, (problem, options) in enumerate(problems):
+        scaled = Problem(
+            problem.lower * scale**2,
+            problem.upper * scale**2,
+            problem.dimension,
+            problem.sides,
+            problem.chiralities,
+        )
+        result = solve(problem, options)
+        if any(
+            0.0 < smallest < 1e-200
+            for h in result.hypotheses
+            for smallest in (*h.lower.ravel(), *h.upper.ravel())
+        ):
+            continue  # the step of a bound near zero is absolute
+        other = solve(scaled, replace(options, resolution=options.resolution * scale))
+        try:
+            assert_same_cover(result, other, scale**2)
+        except AssertionError as error:
+            error.add_note(f'This was problem {index}.')
+            raise

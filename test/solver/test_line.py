@@ -8,7 +8,7 @@ import math
 
 from hypothesis import given, settings, strategies as st
 import numpy as np
-from solver_cases import box_of, squared_distances
+from solver_cases import bounds_around, box_of, squared_distances, symmetric
 
 from dg_localization.solver.box import UPPER
 from dg_localization.solver.contract.line import (
@@ -49,21 +49,16 @@ def test_no_arrangement_is_lost(seed):
     n_points = int(rng.integers(2, 12))
     x = rng.integers(-10, 11, n_points)
     squared = squared_distances(x[:, None] * 2.0 ** rng.choice([-40, 0, 40]))
-    widths = rng.choice([0.0, 1e-9, 0.1, 1.0], size=(2, n_points, n_points)) * rng.random(
-        (2, n_points, n_points)
-    )
-    below, above = np.triu(widths, 1) + np.triu(widths, 1).transpose(0, 2, 1)
-    box = box_of(squared * (1.0 - below), squared * (1.0 + above))
-    unknown = np.triu(rng.random((n_points, n_points)) < 0.3, 1)
-    box[1][unknown | unknown.T] = math.inf
-    box[0][unknown | unknown.T] = 0.0
+    box = box_of(*bounds_around(rng, squared, [0.0, 1e-9, 0.1, 1.0], alike=0.1))
+    unknown = symmetric(rng.random((n_points, n_points)) < 0.3)
+    box[:2, unknown] = [[0.0], [math.inf]]
     merged = int(rng.integers(-1, n_points))
     sigma = np.zeros((n_points, n_points), dtype=np.int8)
     if merged >= 0:
         sides = np.sign(x - x[merged])
         # A point on the hyperplane is on both sides.
-        sigma[:] = np.where(np.triu(rng.random(sigma.shape) < 0.5), -np.outer(sides, sides), 0)
-        sigma = np.triu(sigma, 1) + np.triu(sigma, 1).T
+        known = symmetric(rng.random(sigma.shape) < 0.5)
+        sigma[:] = np.where(known, -np.outer(sides, sides), 0)
     before = box.copy()
     points = rng.permutation(n_points)[: rng.integers(2, n_points + 1)]
     assert reduce(box, merged, sigma, points)

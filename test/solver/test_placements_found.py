@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from solver_cases import bounds, squared_distances
 
-from dg_localization import Problem, SolverOptions, solve
+from benchmarks.large import fleet
+from dg_localization import Problem, SolverOptions, Verdict, solve
 
 NETWORKS = {2: 200, 3: 50}
 LEAST_SHARE = {2: 0.99, 3: 0.96}
@@ -69,3 +70,18 @@ def test_the_placement_of_a_real_network_is_proved(name, shared):
         ranges[i, j] = max(low_m**2, known[0]), min(high_m**2, known[1])
     (found,) = solve(Problem(*bounds(len(places_m), ranges))).hypotheses
     assert found.proved
+
+
+def test_a_thousand_points_have_a_proved_placement():
+    problem, positions = fleet(1000, 10, 0.03, 0)
+    result = solve(problem, SolverOptions(max_boxes=10**9, max_seconds=60.0))
+    assert result.verdict is Verdict.COVERED
+    largest = max(result.pieces, key=lambda piece: len(piece.points))
+    (hypothesis,) = largest.hypotheses
+    assert hypothesis.proved
+    # Other coordinates than the truth, in all of its bounds.
+    members = list(largest.points)
+    known = problem.pairs.restricted(members)
+    first, second = known.pairs.T
+    squared = ((hypothesis.positions[first] - hypothesis.positions[second]) ** 2).sum(axis=1)
+    assert ((known.lower <= squared) & (squared <= known.upper)).all()

@@ -133,15 +133,6 @@ def test_coordinate_difference_is_the_exact_range(seed):
     assert low >= min(corners) - slack and high <= max(corners) + slack
 
 
-def test_coordinate_difference_on_an_axis_that_may_vanish():
-    # The direction of an axis without length is anything.
-    alike = [(1.0, 1.0)] * 4
-    assert difference_of_coordinates(alike, 0.0, 1.0) == (-math.inf, math.inf)
-    apart = [(1.0, 2.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)]
-    low, high = difference_of_coordinates(apart, 0.0, 1.0)
-    assert 0.0 <= low <= 0.5 and high == math.inf
-
-
 def project_box(box, a, b):
     """Return (projected box, coordinates, projected points, rows); None for an empty box."""
     n_points = box.shape[1]
@@ -214,12 +205,3 @@ def test_a_projected_gap_holds_no_end_of_the_gap_wherever_the_points_are_along_t
         along = (a - squared[1, 2] - squared[0, 3] + squared[1, 3]) / 20.0
         for end in (20.0, 60.0):
             assert not gap_low < end - along**2 < gap_high
-
-
-def test_coordinates_that_contradict_each_other_are_a_proof():
-    """The difference of two coordinates is bounded twice: from their box and from each."""
-    squared = squared_distances(np.array([[0.0, 0.0], [4.0, 0.0], [1.0, 1.0], [3.0, 1.0]]))
-    box = box_of(squared, squared)
-    assert project_box(box, 0, 1) is not None
-    box[:2, 0, 2] = box[:2, 2, 0] = 1e-3
-    assert project_box(box, 0, 1) is None

@@ -5,7 +5,7 @@
 
 from fractions import Fraction
 
-from joined_cases import solve_as_one
+from joined_cases import check_counts, solve_as_one
 import numpy as np
 import pytest
 from solver_cases import bounds, covers, orientation, random_case, squared_distances
@@ -51,12 +51,8 @@ def agrees_exactly(problem, positions):
 
 def check_claims(problem, result):
     """Assert everything a result says of itself that can be looked up."""
-    done = result.statistics
-    assert done.processed == done.empty + done.split + done.kept
-    assert (result.verdict is Verdict.OUT_OF_BUDGET) == (done.pending > 0)
+    check_counts(result)
     assert (result.verdict is Verdict.INFEASIBLE) <= (not result.hypotheses)
-    in_pieces = [h for piece in result.pieces for h in piece.hypotheses]
-    assert sum(len(h.boxes) for h in in_pieces) == done.kept + done.pending
     assert len(result.hypotheses) <= result.n_hypotheses
     n_points, dimension = problem.n_points, problem.dimension
     for hypothesis in result.hypotheses:
@@ -71,15 +67,13 @@ def check_claims(problem, result):
             assert not hypothesis.proved
         else:
             assert hypothesis.positions.shape == (n_points, dimension)
+        if hypothesis.proved:
             squared = squared_distances(hypothesis.positions)
             slack = 1e-9 * max(squared.max(), 1e-300)
-            is_in = (hypothesis.lower - slack <= squared) & (squared <= hypothesis.upper + slack)
-            assert not hypothesis.proved or is_in.all()
-            assert (
-                not hypothesis.proved
-                or agrees_exactly(problem, hypothesis.positions)
-                or agrees_closely(problem, hypothesis.positions)
-            )
+            assert (hypothesis.lower - slack <= squared).all()
+            assert (squared <= hypothesis.upper + slack).all()
+            checks = agrees_exactly, agrees_closely
+            assert any(agrees(problem, hypothesis.positions) for agrees in checks)
 
 
 def agrees_closely(problem, positions):

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What is stopped before its pieces are known, or before they are begun, still holds the truth."""
+"""What is stopped, wherever that is, ends soon and still holds the truth."""
 
 import pickle
 
@@ -9,7 +9,7 @@ from joined_cases import FIRST_SEED, PROBLEMS, joined_case, missing
 import numpy as np
 import pytest
 from solver_cases import squared_distances
-from test_patches import CancelAfter
+from test_patches import CancelAfter, all_parts_hold, braced_grid
 
 from benchmarks.pieces import neighbors
 from dg_localization import Problem, SolverOptions, Verdict, solve
@@ -119,3 +119,31 @@ def test_pieces_in_space_that_are_stopped_hold_the_truth(n_points, watchful):
         for piece in result.pieces:
             for hypothesis in piece.hypotheses:
                 assert hypothesis.positions is not None or hypothesis.flexible
+
+
+MOST_LOOKS_AFTER = 40
+"""A piece that was begun may look again at each of its steps before it ends."""
+
+
+@pytest.mark.parametrize(('size', 'holes'), [((5, 6), 0.2), ((7, 9), 0.2), ((9, 9), 0.0)])
+def test_a_call_that_is_cancelled_ends_soon_and_holds_the_truth(size, holes):
+    problem, positions = braced_grid(*size, 0.01, holes=holes)
+    squared = squared_distances(positions)
+    whole = CancelAfter(10**9)
+    solve(problem, SolverOptions(max_boxes=10**6), cancel=whole)
+    n_looks = 10**9 - whole.left
+    for most in np.unique(np.geomspace(1, 0.9 * n_looks, 12).astype(int)).tolist():
+        cancel = CancelAfter(most)
+        result = solve(problem, SolverOptions(max_boxes=10**6), cancel=cancel)
+        assert -cancel.left < MOST_LOOKS_AFTER + 2 * len(result.pieces), most
+        assert result.verdict is not Verdict.INFEASIBLE, most
+        assert not missing(result, positions, squared), most
+        assert all_parts_hold(result, squared), most
+
+
+@pytest.mark.parametrize('max_seconds', [1e-9, 1e-3, 1e-2])
+def test_time_that_is_over_is_never_a_complete_answer(max_seconds):
+    problem, positions = braced_grid(9, 9, 0.01)
+    result = solve(problem, SolverOptions(max_boxes=10**6, max_seconds=max_seconds))
+    assert result.verdict is Verdict.OUT_OF_BUDGET
+    assert not missing(result, positions, squared_distances(positions))

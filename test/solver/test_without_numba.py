@@ -1,9 +1,10 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Compiled kernels and the same functions in Python give the same bounds to the last bit."""
+"""Compiled kernels and the same functions in Python give the same bits, and leave no array."""
 
 from functools import partial
+import os
 
 import numpy as np
 from plain_python import in_plain_python
@@ -47,3 +48,20 @@ def test_the_paper_fleet(numba, paper_fleet):
 def test_random_fleets(numba):
     cases = [random_case(seed, max_points=6) for seed in range(40)]
     check([(c.problem, SolverOptions(c.options.resolution, max_boxes=4)) for c in cases])
+
+
+def test_all_arrays_are_freed(paper_fleet):
+    runtime = pytest.importorskip('numba.core.runtime')
+    if os.environ.get('NUMBA_DISABLE_JIT') == '1':
+        pytest.skip('nothing is compiled')
+    problems = [paper_fleet.problem(), paper_fleet.problem(paper_fleet.SIDES)]
+    cases = [random_case(seed, max_points=6) for seed in range(20)]
+    runtime._nrt_python.memsys_enable_stats()
+    before = runtime.rtsys.get_allocation_stats()
+    for problem in problems:
+        solve(problem)
+    for case in cases:
+        case.solve()
+    after = runtime.rtsys.get_allocation_stats()
+    assert after.mi_alloc > before.mi_alloc
+    assert after.mi_alloc - before.mi_alloc == after.mi_free - before.mi_free
