@@ -164,17 +164,14 @@ def load_kernels() -> float:
     if not COMPILED:
         return 0.0
     options = SolverOptions(max_boxes=8, tighten_seconds=math.inf)
+    problems = [_braced_block(), _braced_grid(9, 7)]
     for dimension in (2, 3):
-        for problem in (
-            _joined_simplices(dimension, closed=False),
-            _joined_simplices(dimension, closed=True),
-            _cross_polytope(dimension),
-        ):
-            len(solve_in_pieces(problem, Budget(options)).hypotheses)
-    len(solve_in_pieces(_braced_block(), Budget(options)).hypotheses)
-    for hypothesis in solve_in_pieces(_braced_grid(9, 7), Budget(options)).hypotheses:
-        np.isfinite(hypothesis.upper)
-        bool(hypothesis.proved)
+        problems += [_joined_simplices(dimension, closed=closed) for closed in (False, True)]
+        problems.append(_cross_polytope(dimension))
+    for problem in problems:
+        for hypothesis in solve_in_pieces(problem, Budget(options)).hypotheses:
+            np.isfinite(hypothesis.upper)
+            bool(hypothesis.proved)
     return time.perf_counter() - start
 
 

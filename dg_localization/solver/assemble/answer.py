@@ -94,7 +94,7 @@ def _solved_in_one_box(problem: Problem, budget: Budget) -> SolvedPieces | None:
     hypotheses = hypotheses_of(problem, cover.kept)
     if not hypotheses:
         return SolvedPieces(contradiction=points)
-    return SolvedPieces([SolvedPiece(points, [], list(hypotheses))])
+    return SolvedPieces([SolvedPiece(points, [], hypotheses)])
 
 
 def _infeasible(points: Points, problem: Problem, budget: Budget) -> Result:

@@ -201,7 +201,7 @@ class PieceSolver:
             if problem is not None:
                 part = share / (len(given) - x)
                 piece.searches.append(search_piece(problem, self._budget, part, within))
-        piece.gather(self._budget.is_overdue)
+        piece.gather(self._budget)
         self._solved[number] = piece
 
     def _resumed(self) -> Iterator[SolvedPiece]:
@@ -217,7 +217,7 @@ class PieceSolver:
             cover = search_share(search.problem, self._budget, share, starts)
             search.kept += cover.kept
             search.pending, search.found = cover.pending, None
-            piece.gather(self._budget.is_overdue)
+            piece.gather(self._budget)
             yield piece
 
     def _given(self, number: int) -> list[Ranges]:
@@ -302,5 +302,5 @@ def _search_in_parts(
     boxes, start_of = Product(problem, solved, budget, within).boxes()
     if not budget.keep(len(boxes)):
         return None
-    found = hypotheses_of(problem, boxes, budget.is_overdue, start_of)
+    found = hypotheses_of(problem, boxes, (), budget.new_clock, start_of)
     return Search(problem, boxes, [], found)

@@ -176,7 +176,9 @@ class Product:
         self._list(first, self._budget.again())
         return not (first.found and first.found[0].proved)
 
-    def boxes(self) -> tuple[list[FloatArray], Callable[[int], FloatArray | None]]:
+    def boxes(
+        self,
+    ) -> tuple[list[FloatArray], Callable[[int, Callable[[], bool]], FloatArray | None]]:
         """
         Return a box for each combination, or one for all where there are too many to list.
 
@@ -198,11 +200,13 @@ class Product:
             for part in parts_within([bounds], self._within):
                 found.append(as_box(part))
                 of.append(combination)
-        return found, lambda x: self._laid(of[x])
+        return found, partial(self._laid, of)
 
-    def _laid(self, combination: Combination) -> FloatArray | None:
+    def _laid(
+        self, combinations: list[Combination], number: int, stopped: Callable[[], bool]
+    ) -> FloatArray | None:
         """Return the placements of pieces, laid against each other and fitted to all bounds."""
-        known, stopped = self._problem.pairs, self._budget.is_over
+        known, combination = self._problem.pairs, combinations[number]
         for positions in self._assembly.placements(combination, 0.0, int(not stopped())):
             return refined(positions, known.pairs, known.lower, known.upper, MARGIN, stopped)
         return None

@@ -5,8 +5,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 import math
 
 import numpy as np
@@ -20,6 +20,7 @@ from dg_localization.solver.patches.solver import SolvedPatches
 from dg_localization.solver.place.hypotheses import hypotheses_of
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis, Joint
+from dg_localization.solver.search.budget import Budget
 
 
 @dataclass
@@ -36,16 +37,10 @@ class Search:
         """Return the bounds of the boxes that were not examined."""
         return {box[: UPPER + 1].tobytes() for box in self.pending}
 
-    def gather(self, stopped: Callable[[], bool]) -> Sequence[Hypothesis]:
-        """Return the hypotheses that the cover makes; what was not examined counts as flexible."""
+    def gather(self, budget: Budget) -> Sequence[Hypothesis]:
+        """Return the hypotheses that the cover makes."""
         if self.found is None:
-            self.found = hypotheses_of(self.problem, self.kept + self.pending, stopped)
-        if self.pending:
-            keys = self.pending_keys()
-            self.found = [
-                replace(h, flexible=True) if any(b.tobytes() in keys for b in h.boxes) else h
-                for h in self.found
-            ]
+            self.found = hypotheses_of(self.problem, self.kept, self.pending, budget.new_clock)
         return self.found
 
 
@@ -58,9 +53,9 @@ class SolvedPiece:
     hypotheses: list[Hypothesis] = field(default_factory=list)
     was_examined: bool = True  # False where there was no time for any of it
 
-    def gather(self, stopped: Callable[[], bool]) -> None:
+    def gather(self, budget: Budget) -> None:
         """Write the hypotheses that the covers of all searches make."""
-        self.hypotheses = [h for search in self.searches for h in search.gather(stopped)]
+        self.hypotheses = [h for search in self.searches for h in search.gather(budget)]
 
     def hull(self, left: Iterable[int]) -> Bounds:
         """Return bounds that hold some of its hypotheses."""

@@ -37,7 +37,7 @@ from dg_localization.solver.patches.neighborhoods import (
     covering_patches,
     seam_patches,
 )
-from dg_localization.solver.place.hypotheses import lazy_hypotheses_of
+from dg_localization.solver.place.hypotheses import hypotheses_of
 from dg_localization.solver.problem import Problem, points_of
 from dg_localization.solver.result import Hypothesis, Statistics
 from dg_localization.solver.search.branch_and_prune import Paving
@@ -78,7 +78,7 @@ def solve_subproblem(part: Subproblem, budget: Budget) -> SolvedSubproblem:
     statistics = cover.statistics(len(cover.pending), budget.seconds())
     if part.all_or_nothing and cover.pending:
         return SolvedSubproblem(cover, statistics, ())
-    hypotheses = lazy_hypotheses_of(part.problem, cover.kept + cover.pending)
+    hypotheses = hypotheses_of(part.problem, cover.kept, cover.pending)
     return SolvedSubproblem(cover, statistics, hypotheses)
 
 

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property, partial
 import math
 from typing import TypeAlias
@@ -42,10 +42,18 @@ AT_ONCE = 60
 Placement: TypeAlias = tuple[FloatArray | None, bool]
 """A placement in m, None where none could be computed, and whether it is proved."""
 
+Seek: TypeAlias = Callable[[], Placement]
+Stopped: TypeAlias = Callable[[], bool]
+
 
 def never() -> bool:
     """Return False: no limit of a call stops a placement that is asked for later."""
     return False
+
+
+def no_clock() -> Stopped:
+    """Return what never stops a placement."""
+    return never
 
 
 def place_everywhere(box: FloatArray, dimension: int) -> FloatArray:
@@ -131,30 +139,6 @@ def _may_move(problem: Problem, found: Placement) -> bool:
     return positions is None or not proved or is_flexible(positions, measured)
 
 
-def hypotheses_of(
-    problem: Problem,
-    boxes: list[FloatArray],
-    stopped: Callable[[], bool] = never,
-    start_of: Callable[[int], FloatArray | None] | None = None,
-) -> tuple[Hypothesis, ...]:
-    """Return the hypotheses that the boxes of a cover form, in the order of their first box."""
-    ended = _end_of_placing(problem, stopped)
-    hypotheses = []
-    for number, (hull, indices) in enumerate(hulls_of(boxes)):
-        inside = [boxes[index] for index in indices]
-        found: Placement = (None, False)
-        flexible = True
-        if number == 0 or not ended():
-            with until(ended):
-                # Those of further boxes are computed only where the first ones prove nothing.
-                near = map(start_of, indices) if start_of else ()
-                found = placement_in(problem, inside, near, stopped)
-                flexible = _may_move(problem, found)
-        bounds = np.array([box[: UPPER + 1] for box in inside])
-        hypotheses.append(Hypothesis(hull[LOWER], hull[UPPER], bounds, *found, flexible))
-    return tuple(hypotheses)
-
-
 class LazyHypothesis(Hypothesis):
     """
     A hypothesis whose placement is sought when it is first asked for.
@@ -162,7 +146,7 @@ class LazyHypothesis(Hypothesis):
     What it is made of is not its fields: `dataclasses.replace` cannot copy it.
     """
 
-    _seek: Callable[[], Placement] | None
+    _seek: Seek | None
 
     @cached_property
     @default_environment()
@@ -180,31 +164,70 @@ class LazyHypothesis(Hypothesis):
         return self._placed[1]
 
 
-class LazyHypothesisOfBoxes(LazyHypothesis):
-    """A hypothesis of a part of a problem, whose placement is seldom asked for."""
+class HypothesisOfBoxes(LazyHypothesis):
+    """A hypothesis that some boxes of a cover make."""
 
     _problem: Problem
+    _is_open: bool
 
-    def __init__(self, problem: Problem, hull: FloatArray, inside: list[FloatArray]) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        hull: FloatArray,
+        inside: list[FloatArray],
+        seek: Seek,
+        is_open: bool,
+    ) -> None:
         # The base class is frozen.
         boxes = np.array([box[: UPPER + 1] for box in inside])
-        values = {'lower': hull[LOWER], 'upper': hull[UPPER], 'boxes': boxes}
-        seek = partial(placement_in, problem, inside, [], never)
-        self.__dict__.update(values, _problem=problem, _seek=seek)
+        values = {'lower': hull[LOWER], 'upper': hull[UPPER], 'boxes': boxes, '_seek': seek}
+        self.__dict__.update(values, _problem=problem, _is_open=is_open)
 
     @cached_property
     @default_environment()
     def flexible(self) -> bool:
         """Whether the placements are a continuum even without measurement errors, or may be."""
-        return _may_move(self._problem, self._placed)
+        return self._is_open or _may_move(self._problem, self._placed)
 
 
-def lazy_hypotheses_of(problem: Problem, boxes: list[FloatArray]) -> tuple[Hypothesis, ...]:
-    """Return the hypotheses of a cover, whose placements are sought only when asked for."""
-    return tuple(
-        LazyHypothesisOfBoxes(problem, hull, [boxes[index] for index in indices])
-        for hull, indices in hulls_of(boxes)
-    )
+def hypotheses_of(
+    problem: Problem,
+    kept: list[FloatArray],
+    pending: Sequence[FloatArray] = (),
+    clock: Callable[[], Stopped] = no_clock,
+    start_of: Callable[[int, Stopped], FloatArray | None] | None = None,
+) -> list[Hypothesis]:
+    """
+    Return the hypotheses that the boxes of a cover form, in the order of their first box.
+
+    Their placements are sought when they are asked for, and for no longer than a clock says that
+    is started then. What was not examined counts as flexible.
+    """
+    boxes = [*kept, *pending]
+    found: list[Hypothesis] = []
+    for hull, indices in hulls_of(boxes):
+        inside = [boxes[index] for index in indices]
+        seek = partial(_placed_in_time, problem, inside, clock, start_of, indices)
+        is_open = any(index >= len(kept) for index in indices)
+        found.append(HypothesisOfBoxes(problem, hull, inside, seek, is_open))
+    return found
+
+
+def _placed_in_time(
+    problem: Problem,
+    inside: list[FloatArray],
+    clock: Callable[[], Stopped],
+    start_of: Callable[[int, Stopped], FloatArray | None] | None,
+    indices: list[int],
+) -> Placement:
+    """Return a placement for the boxes of a component, None where there was no time for any."""
+    stopped = clock()
+    # Those of further boxes are computed only where the first ones prove nothing.
+    starts = (start_of(index, stopped) for index in indices) if start_of else ()
+    found: Placement = (None, False)
+    with until(_end_of_placing(problem, stopped)):
+        found = placement_in(problem, inside, starts, stopped)
+    return found
 
 
 def hulls_of(boxes: list[FloatArray]) -> list[tuple[FloatArray, list[int]]]:

@@ -58,6 +58,10 @@ class Budget:
         """Return a budget that starts now, with the same options or others."""
         return Budget(options or self.options, self._cancel, clock=self._clock)
 
+    def new_clock(self) -> Callable[[], bool]:
+        """Return what ends something that is asked for later: it may take as long as the call."""
+        return self.again().is_over
+
     def part(self, share: float, most_boxes: int | None = None, is_silent: bool = False) -> Budget:
         """Return the budget of a part that may take a share of what is left."""
         boxes = self.boxes_left()
