@@ -147,3 +147,15 @@ def test_time_that_is_over_is_never_a_complete_answer(max_seconds):
     result = solve(problem, SolverOptions(max_boxes=10**6, max_seconds=max_seconds))
     assert result.verdict is Verdict.OUT_OF_BUDGET
     assert not missing(result, positions, squared_distances(positions))
+
+
+def test_what_was_not_examined_counts_as_flexible():
+    # The center and the corners of a square, opposite ones of which do not measure each other.
+    corners = np.array([[0, 0], [1, 0], [0, 1], [-1, 0], [0, -1]], dtype=float)
+    squared = squared_distances(corners)
+    measured = squared < 3.0
+    upper = np.where(measured, 1.1 * squared, np.inf)
+    problem = Problem(np.where(measured, squared / 1.1, 0.0), upper)
+    stopped = solve(problem, SolverOptions(max_boxes=1)).hypotheses
+    assert all(h.proved and h.flexible for h in stopped)
+    assert not any(h.flexible for h in solve(problem).hypotheses if h.proved)
