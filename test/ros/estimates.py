@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from dg_localization.fleet import Placement
-from dg_localization.ros.interface.report import Report
+from dg_localization.ros.interface.diagnostics import Report
 
 
 def placement_at(positions_m, /, **changes):

@@ -5,13 +5,8 @@
 
 import pytest
 
-from dg_localization.ros.node.clock import (
-    LEAST_TIGHTEN_S,
-    SHARE_OF_PERIOD,
-    NodeTime,
-    Pace,
-    RateMeter,
-)
+from dg_localization.ros.interface.diagnostics import TOLERATED_RATE
+from dg_localization.ros.node.clock import NodeTime, Pace, RateMeter
 
 
 @pytest.mark.parametrize(
@@ -22,8 +17,9 @@ from dg_localization.ros.node.clock import (
         (0.2, 1.0, 5.0, 101.1, None),
         (0.2, 0.0, 5.0, 110.0, 0.1),
         (10.0, 100.0, 0.1, 209.0, 0.1),
+        (10.0, 0.0, 0.1, 103.0, None),
     ],
-    ids=['met', 'not met', 'too early', 'an estimate that does not end', 'slow'],
+    ids=['met', 'not met', 'too early', 'an estimate that does not end', 'slow', 'slow at first'],
 )
 def test_the_rate_is_that_of_the_last_estimates(period_s, until_s, wanted_hz, now_s, rate_hz):
     meter = RateMeter(wanted_hz)
@@ -42,19 +38,19 @@ def follow(pace, base_s, number=30):
 
 def test_bounds_are_tightened_for_as_long_as_the_rate_allows():
     pace = Pace(5.0)
-    assert pace.tighten_s == pytest.approx(SHARE_OF_PERIOD * 0.2)
+    assert pace.tighten_s == pytest.approx(TOLERATED_RATE * 0.2)
     follow(pace, base_s=0.05)
-    assert pace.tighten_s == pytest.approx(SHARE_OF_PERIOD * 0.2 - 0.05)
+    assert pace.tighten_s == pytest.approx(TOLERATED_RATE * 0.2 - 0.05)
     follow(pace, base_s=1.0)
-    assert pace.tighten_s == LEAST_TIGHTEN_S == Pace(1000.0).tighten_s
+    assert pace.tighten_s == 0.0
     follow(pace, base_s=0.02)
-    assert pace.tighten_s == pytest.approx(SHARE_OF_PERIOD * 0.2 - 0.02)
+    assert pace.tighten_s == pytest.approx(TOLERATED_RATE * 0.2 - 0.02)
 
 
 def test_at_a_low_rate_the_limit_of_the_solver_is_what_late_estimates_lower():
     pace = Pace(1.0, limit_s=0.1)
     assert pace.tighten_s == 0.1
-    pace.note(SHARE_OF_PERIOD + 0.1)
+    pace.note(TOLERATED_RATE + 0.1)
     assert pace.tighten_s == pytest.approx(0.05)
     # What is left of the period is measured by the period, not by the limit.
     pace.note(0.5)

@@ -28,11 +28,11 @@ from dg_localization.fleet import (
     SuspectKind,
 )
 from dg_localization.ros.interface.diagnostics import statuses
+from dg_localization.ros.interface.intake import Malformed
 from dg_localization.ros.interface.links import Link
 from dg_localization.ros.interface.outputs import (
     CONTRADICTING_RGBA,
     FRESH_RGBA,
-    MOST_DRAWN,
     STALE_RGBA,
     estimate_messages,
     scene,
@@ -41,7 +41,6 @@ from dg_localization.ros.interface.poses import (
     feasible_poses,
     unique_pose,
 )
-from dg_localization.ros.interface.report import Malformed
 from msg_adapters import Level, Shape
 
 ROBOTS = ('a', 'b')
@@ -162,16 +161,16 @@ def test_there_is_a_pose_only_while_one_hypothesis_is_left(made):
     assert unique_pose(made, 1, 'map') is None
 
 
-def test_landmarks_are_drawn_and_named_and_not_too_many_placements():
+def test_landmarks_are_drawn_and_named_once():
     made = estimate(
-        *[placement(k, landmarks_m=np.array([[9.0, 9.0]])) for k in range(MOST_DRAWN + 9)],
+        *[placement(k, landmarks_m=np.array([[9.0, 9.0]])) for k in range(64)],
         landmarks=('beacon',),
     )
     markers = scene(made, 'map', 1.0).markers
     (robots,) = [marker for marker in markers if marker.namespace == 'robots']
-    assert len(robots.points_m) == 3 * MOST_DRAWN
+    assert len(robots.points_m) == 3 * 64
     assert robots.points_m[2].tolist() == [9.0, 9.0, 0.0]
-    assert 'beacon' in [marker.text for marker in markers]
+    assert [marker.text for marker in markers].count('beacon') == 1
 
 
 def test_scene_has_a_namespace_for_each_thing():

@@ -11,7 +11,14 @@ from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 
-from dg_localization.fleet import Estimate, FixedFrame, FrameKind
+from dg_localization.fleet import (
+    Estimate,
+    FixedFrame,
+    FleetConfig,
+    FrameKind,
+    OdometryErrorModel,
+)
+from dg_localization.fleet.motion import Motion
 from dg_localization.fleet.rotations import rotation_of_quaternion
 from dg_localization.fleet.vocabulary import OdometrySample as Pose
 from dg_localization.ros.interface.parameters.spec import WrongParameterError
@@ -63,8 +70,9 @@ def children(found):
 
 def found_of(made, odometry=(), body='a/base_link', fixed_frame='map', **others):
     """Return the transforms of an estimate with odometry of robot a."""
-    tracks = {'a': odometry} if odometry else {}
-    return transforms(made, fixed_frame, {**tracks, **others}, {'a': body})
+    tracks = {'a': odometry, **others} if odometry else others
+    config = FleetConfig(('a', 'b'), odometry_error=OdometryErrorModel(max_gap_s=0.5))
+    return transforms(made, fixed_frame, Motion(config, tracks), {'a': body})
 
 
 def test_a_chain_of_transforms_ends_at_the_body():
@@ -120,7 +128,8 @@ def test_only_what_is_known_is_placed(changes, odometry, others, expected):
 
 
 def test_a_robot_whose_odometry_is_awaited_has_no_transform():
-    assert children(transforms(estimate(), 'map', {}, {}, awaited={'a'})) == {B}
+    motion = Motion(FleetConfig(('a', 'b')), {})
+    assert children(transforms(estimate(), 'map', motion, {}, awaited={'a'})) == {B}
 
 
 def test_in_the_plane_a_ramp_does_not_tilt_the_odometry_frame():

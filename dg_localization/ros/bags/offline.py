@@ -27,21 +27,19 @@ from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.ros.bags.bag import NS_PER_S, BagError, in_seconds
 from dg_localization.ros.bags.reading import BagMessage
 from dg_localization.ros.executables import writing
-from dg_localization.ros.interface.diagnostics import statuses
+from dg_localization.ros.interface.diagnostics import Report, statuses
 from dg_localization.ros.interface.discovery import TopicFinder
 from dg_localization.ros.interface.intake import Intake
 from dg_localization.ros.interface.links import Link
 from dg_localization.ros.interface.outputs import (
     DIAGNOSTICS,
+    DiagnosticsStream,
     estimate_messages,
     estimate_outputs,
-    outline,
 )
 from dg_localization.ros.interface.parameters.settings import Settings, declare_settings
-from dg_localization.ros.interface.report import Report
 from dg_localization.ros.spinning import ros_arguments_checked
 from msg_adapters import Diagnostics, Status
-from msg_adapters.diagnostics import diagnostics_to_cdr
 
 SILENCE_NS = 60 * NS_PER_S
 """A bag without a message of any input for longer has a gap: nothing is answered in it."""
@@ -247,7 +245,7 @@ class BagLocalizer:
         self._links = {link.topic: link for link in inputs.links}
         settings = task.settings
         self._localizer = Localizer(settings.fleet)
-        self._outline: object = None
+        self._stream, self._second = DiagnosticsStream(), 0
         self.intake = Intake(self._localizer, settings.use_header_stamp, settings.ids)
         for output in (*estimate_outputs(settings.fleet.robots), DIAGNOSTICS):
             writer.add_output(task.topics[output.name], output.message_class, output.qos)
@@ -291,11 +289,9 @@ class BagLocalizer:
             # It depends on the machine.
             status.values.pop('solve_s', None)
         # As the node does, on a change and every second.
-        second = time_ns // NS_PER_S
-        if (second, outline(diagnostics)) != self._outline:
-            self._outline = second, outline(diagnostics)
-            data = diagnostics_to_cdr(diagnostics)
-            self._writer.write(self._task.topics[DIAGNOSTICS.name], time_ns, data)
+        before, self._second = self._second, time_ns // NS_PER_S
+        for name, message in self._stream.messages(diagnostics, self._second != before):
+            self._writer.write(self._task.topics[name], time_ns, message)
         return estimate, snapshot, diagnostics.statuses
 
 

@@ -20,8 +20,8 @@ from statistics import median_low
 from typing import Any, TypeAlias
 
 from dg_localization.fleet import Estimate, InputState, LinkKey, LinkKind
+from dg_localization.ros.interface.intake import Malformed
 from dg_localization.ros.interface.links import ANY_OBSERVER, Link
-from dg_localization.ros.interface.report import Malformed
 from dg_localization.solver.result import Verdict
 from msg_adapters import Level, Status
 

@@ -3,20 +3,19 @@
 
 """Diagnostics of an estimate and its inputs: the fleet, each robot, each input."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 import math
+from operator import attrgetter
 
 import numpy as np
 
-from dg_localization.fleet import Estimate, Group, LinkKind, Placement
+from dg_localization.fleet import Estimate, Group, InputState, LinkKey, LinkKind, Placement
 from dg_localization.fleet.rotations import yaw_of
-from dg_localization.ros.interface.report import (
-    Report,
-    input_statuses,
-    listed,
-    robots_of,
-    shortened,
-)
+from dg_localization.ros.interface.intake import NONE_MALFORMED, Malformed, shortened
+from dg_localization.ros.interface.links import ANY_OBSERVER, Link
+from dg_localization.ros.interface.parameters.settings import Settings
 from dg_localization.solver.result import Verdict
 from msg_adapters import Level, Status
 
@@ -24,9 +23,84 @@ from msg_adapters import Level, Status
 LISTED = 8
 # A smaller fraction of the wanted rate is worth a warning.
 TOLERATED_RATE = 0.9
-# A sensor that was among the suspects so often, and in such a share of them, is named.
+# A sensor that was among the suspects so often, and in half of all contradictions, is named.
 LEAST_OFFENCES = 3
-LEAST_SHARE = 0.5
+
+LOCALIZED = Level.OK, 'localized: one hypothesis'
+
+
+def listed(texts: Iterable[object]) -> str:
+    """Return the first of some texts, and how many there are besides."""
+    first = [*map(str, texts)]
+    more = len(first) - LISTED
+    return f'{", ".join(first[:LISTED])}{f" and {more} more" if more > 0 else ""}'
+
+
+@dataclass(frozen=True)
+class Report:
+    """
+    Everything that the diagnostics are made from.
+
+    Attributes
+    ----------
+    node : str
+        Full name of the node; all statuses begin with it.
+    settings : Settings
+    now_s : float
+        The time of the diagnostics.
+    estimate : Estimate or None
+        The newest one.
+    links : tuple of Link
+        The inputs the node listens to.
+    inputs : mapping of LinkKey to InputState
+        What has arrived.
+    malformed : mapping of str to Malformed
+        By topic, the messages that could not be read.
+    wrong_types : mapping of Link to tuple of str
+        Inputs whose topic has endpoints of other types, with these types.
+    trouble : str
+        Why there can be no estimate, such as that the node is inactive; empty when there can.
+    failure : str
+        What went wrong inside when the last estimate failed; empty when none did.
+    warnings : tuple of str
+        What an operator must know whatever the estimate is.
+    rejecting : mapping of LinkKey to str
+        Inputs that have rejected most of their readings lately, with a sentence on why.
+    rate_hz : float or None
+        How often the fleet has been localized lately; None while that is not known.
+    seconds : mapping of str to float
+        What the parts of the last answer took.
+
+    """
+
+    node: str
+    settings: Settings
+    now_s: float
+    estimate: Estimate | None
+    links: tuple[Link, ...]
+    inputs: Mapping[LinkKey, InputState]
+    malformed: Mapping[str, Malformed]
+    wrong_types: Mapping[Link, tuple[str, ...]]
+    trouble: str = ''
+    failure: str = ''
+    warnings: tuple[str, ...] = ()
+    rejecting: Mapping[LinkKey, str] = field(default_factory=dict)
+    rate_hz: float | None = None
+    seconds: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def late(self) -> str:
+        """Why the estimate is too old to be relied on; empty when it is not."""
+        age_s = 0.0 if self.estimate is None else self.now_s - self.estimate.stamp_s
+        most_s = self.settings.lifetime_s
+        if age_s <= most_s:
+            return ''
+        return f'late: the last answer is {age_s:.1f} s old, more than {most_s:.1f} s'
+
+
+def robots_of(key: LinkKey) -> set[str]:
+    """Return the ends of a link; for a sensor, the robot that it is on."""
+    return {name.partition('/')[0] for name in (key.observer, key.target)}
 
 
 def statuses(report: Report) -> tuple[Status, ...]:
@@ -34,7 +108,7 @@ def statuses(report: Report) -> tuple[Status, ...]:
     return (
         _fleet_status(report),
         *(_robot_status(report, row) for row in range(len(report.settings.fleet.robots))),
-        *input_statuses(report),
+        *_input_statuses(report),
     )
 
 
@@ -62,8 +136,7 @@ def _fleet_warnings(report: Report) -> Iterator[str]:
     if rate_hz is not None and rate_hz < TOLERATED_RATE * wanted_hz:
         yield f'localizes at {rate_hz:.2g} Hz, not at the {wanted_hz:g} Hz of `rate`'
     for offender in report.estimate.offenders[:LISTED] if report.estimate else ():
-        often = offender.count >= LEAST_OFFENCES
-        if often and offender.count >= LEAST_SHARE * offender.contradictions:
+        if max(LEAST_OFFENCES, offender.contradictions / 2) <= offender.count:
             yield str(offender)
     if report.rejecting:
         key, reason = next(iter(report.rejecting.items()))
@@ -89,11 +162,11 @@ def _fleet_state(report: Report) -> tuple[Level, str]:
         *_too_wide(report, estimate, range(len(estimate.robots))),
         *_not_bounded(estimate),
         *_not_settled(estimate),
-        *_of_frame(estimate),
+        *filter(None, (estimate.frame_change, estimate.frame_doubt)),
     ]
-    return (
-        (Level.WARN, '; '.join(problems)) if problems else (Level.OK, 'localized: one hypothesis')
-    )
+    if estimate.groups:
+        problems.append(f'{len(estimate.groups)} more in frames of their own')
+    return (Level.WARN, '; '.join(problems)) if problems else LOCALIZED
 
 
 def _too_wide(report: Report, estimate: Estimate, rows: Iterable[int]) -> Iterator[str]:
@@ -115,7 +188,7 @@ def _not_bounded(estimate: Estimate) -> Iterator[str]:
     rows = np.flatnonzero(~np.all(bounded, axis=0))
     names = [estimate.robots[row] for row in rows if estimate.robots[row] not in grouped]
     if names:
-        yield f'not bounded: {listed(names, LISTED)}'
+        yield f'not bounded: {listed(names)}'
 
 
 def _not_settled(estimate: Estimate) -> Iterator[str]:
@@ -131,17 +204,7 @@ def _not_settled(estimate: Estimate) -> Iterator[str]:
     for forgotten in estimate.forgotten:
         yield f'forgotten: {forgotten.text}'
     if estimate.misfits:
-        yield f'bounds look too narrow: {listed([*estimate.misfits], LISTED)}'
-
-
-def _of_frame(estimate: Estimate) -> Iterator[str]:
-    """Yield why coordinates are not in the frame that was asked for, or in that of before."""
-    if estimate.frame_change:
-        yield estimate.frame_change
-    if estimate.frame_doubt:
-        yield estimate.frame_doubt
-    if estimate.groups:
-        yield f'{len(estimate.groups)} more in frames of their own'
+        yield f'bounds look too narrow: {listed(estimate.misfits)}'
 
 
 def _estimate_values(estimate: Estimate) -> dict[str, str]:
@@ -164,15 +227,12 @@ def _estimate_values(estimate: Estimate) -> dict[str, str]:
         if np.isfinite(placement.enclosure_m).all():
             width = f'{np.ptp(placement.enclosure_m, axis=1).max():.2f} m wide'
         values[f'hypothesis_{placement.number}'] = f'{proof}, {width}'
-    suspects = {
-        'suspects': estimate.suspects,
-        'suspects_in_window': estimate.suspects_in_window,
-    }
     texts = {
         'rigid_groups': '; '.join(', '.join(group) for group in estimate.rigid_groups),
         'ruled_out': '; '.join(estimate.ruled_out),
         'would_fix': '; '.join(estimate.would_fix),
-        **{name: listed([*map(str, found)], LISTED) for name, found in suspects.items()},
+        'suspects': listed(estimate.suspects),
+        'suspects_in_window': listed(estimate.suspects_in_window),
     }
     values |= {name: shortened(text) for name, text in texts.items() if text}
     if estimate.statistics is not None:
@@ -249,10 +309,7 @@ def _robot_state(report: Report, row: int) -> tuple[Level, str]:
         if not estimate.conflicts and any(link.contradicts for link in own_links):
             return Level.WARN, 'in doubt: it contradicts what was measured before'
         return Level.WARN, 'not bounded: too few measurements'
-    problems = [
-        *_too_wide(report, estimate, [row]),
-        *_not_settled(estimate),
-    ]
+    problems = [*_too_wide(report, estimate, [row]), *_not_settled(estimate)]
     return (Level.WARN, '; '.join(problems)) if problems else (Level.OK, 'localized')
 
 
@@ -279,3 +336,120 @@ def _quality(estimate: Estimate, row: int) -> dict[str, str]:
 
 def _group_of(estimate: Estimate, robot: str) -> Group | None:
     return next((group for group in estimate.groups if robot in group.robots), None)
+
+
+STALE = Level.WARN, 'stale: nothing acceptable arrived lately'
+CONTRADICTS = Level.ERROR, 'contradicts other measurements'
+
+
+def _input_statuses(report: Report) -> Iterator[Status]:
+    """
+    Yield a status for each input that was named one by one or has ever delivered.
+
+    Others come by the templates, and a topic may exist that nobody uses. Peers have a status
+    together, and each of them one of its own.
+    """
+    contradicting = set[LinkKey]()
+    if report.estimate is not None:
+        contradicting.update(link.key for link in report.estimate.links if link.contradicts)
+        contradicting.update(*report.estimate.conflicts)
+    mistaken = sorted(report.wrong_types.keys() - set(report.links), key=attrgetter('topic'))
+    topics_of = Counter(link.key for link in (*report.links, *mistaken))
+    unnamed = _without_topic(report)
+    shown: set[LinkKey] = set()
+    for link in (*report.links, *mistaken):
+        # All that the observer measured, or where messages name their observer, each of these.
+        found = unnamed.get(link.key.observer, {}) if link.key.kind is LinkKind.PEERS else {}
+        together = [one for key, one in found.items() if key.kind is LinkKind.PEERS]
+        peers = {key: one for key, one in found.items() if key.kind is not LinkKind.PEERS}
+        state = _joined(link.key, together) if together else report.inputs.get(link.key)
+        if link in mistaken:
+            state = None
+        malformed = report.malformed.get(link.topic, NONE_MALFORMED)
+        if not (link.explicit or state or malformed.count or link in report.wrong_types):
+            continue
+        what = _input_state(report, link.key, state, malformed)
+        if not contradicting.isdisjoint({link.key, *peers}):
+            what = CONTRADICTS
+        elif link.key.kind is LinkKind.BEARING and not link.explicit and what == STALE:
+            what = Level.OK, 'sees nothing now'
+        name = f'{link.key} by {link.topic}' if topics_of[link.key] > 1 else str(link.key)
+        yield _status(report, name, link, what, state)
+        # Two cameras of a robot may see the same one.
+        for key in sorted(peers.keys() - shown):
+            shown.add(key)
+            what = _input_state(report, key, peers[key], NONE_MALFORMED)
+            if key in contradicting:
+                what = CONTRADICTS
+            elif state is not None and state.in_use and what == STALE:
+                what = Level.OK, 'not measured now'
+            yield _status(report, str(key), replace(link, key=key), what, peers[key])
+
+
+def _without_topic(report: Report) -> dict[str, dict[LinkKey, InputState]]:
+    """Return what has no topic of its own, by the observer of the link that it came by."""
+    with_topic = {link.key for link in report.links}
+    found: dict[str, dict[LinkKey, InputState]] = defaultdict(dict)
+    for key, state in report.inputs.items():
+        if key not in with_topic:
+            has_link = LinkKey(LinkKind.PEERS, key.observer, '') in with_topic
+            found[key.observer if has_link else ANY_OBSERVER][key] = state
+    return found
+
+
+def _joined(key: LinkKey, states: Sequence[InputState]) -> InputState:
+    """Return the states of several inputs as one."""
+    newest = min(states, key=attrgetter('age_s'))
+    rejected = sum((Counter(state.rejected) for state in states), Counter())
+    accepted = sum(state.accepted for state in states)
+    return replace(newest, key=key, accepted=accepted, rejected=dict(rejected))
+
+
+def _input_state(
+    report: Report, key: LinkKey, state: InputState | None, malformed: Malformed
+) -> tuple[Level, str]:
+    if state is None:
+        wrong = f'malformed: {malformed.last}' if malformed.count else 'nothing received'
+        return Level.WARN, wrong
+    warning = state.stuck or state.restart or state.warning
+    if warning:
+        return Level.WARN, warning
+    if not state.in_use and malformed.last_s > report.now_s - state.age_s:
+        return Level.WARN, f'malformed: {malformed.last}'
+    if state.accepted and key in report.rejecting:
+        return Level.WARN, shortened(report.rejecting[key])
+    if state.in_use:
+        return Level.OK, 'in use'
+    if state.accepted:
+        return STALE
+    return Level.WARN, f'nothing acceptable received: {shortened(state.last_reason_text)}'
+
+
+def _status(
+    report: Report, name: str, link: Link, found: tuple[Level, str], state: InputState | None
+) -> Status:
+    """
+    Return a status, with the types that others have on the topic.
+
+    Messages that could not be read count for the topic, not for its peers.
+    """
+    level, text = found
+    if types := report.wrong_types.get(link):
+        level = max(level, Level.WARN)
+        text += (
+            f'; wrong type: the topic also has {", ".join(types)}, this input is {link.type_name}'
+        )
+    values = {'topic': link.topic, 'type': link.type_name, 'accepted': '0', 'rejected': '0'}
+    if state is not None:
+        values['accepted'] = str(state.accepted)
+        values['rejected'] = str(sum(state.rejected.values()))
+        values['age_s'] = f'{state.age_s:.3f}'
+        for reason, count in state.rejected.items():
+            values[f'rejected_{reason.value}'] = str(count)
+        if state.last_reason_text:
+            values['last_rejection'] = shortened(state.last_reason_text)
+    malformed = report.malformed.get(link.topic, NONE_MALFORMED)
+    if malformed.count and link in report.links:
+        values['malformed'] = str(malformed.count)
+        values['last_malformed'] = malformed.last
+    return Status(level, f'{report.node}: input {name}', text, link.key.observer, values)

@@ -5,7 +5,6 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from itertools import permutations
 import re
 from string import Formatter
@@ -21,11 +20,6 @@ from dg_localization.ros.interface.links import (
     stated_offset,
 )
 from dg_localization.ros.interface.parameters.spec import refused
-
-# Topics and messages may name anybody, and every name is kept in the counts.
-MOST_UNKNOWN = 16
-# As many names are remembered: nodes come and go for days, some with names of their own.
-MOST_NAMES = 4096
 
 
 @dataclass(frozen=True)
@@ -185,8 +179,8 @@ class TopicFinder:
         self._points = frozenset(points)
         self._explicit = {link.topic: link for link in explicit}
         self._replaced = {link.key for link in self._explicit.values()}
-        # What a name means does not change; which types it has does.
-        self._link_of = lru_cache(MOST_NAMES)(self._link_named)
+        # What the names of the topics mean that exist: that does not change, as their types do.
+        self._link_of: dict[str, Link | None] = {}
         self._found = set(self._explicit)
         self._n_unknown = 0
         self.wrong_types: dict[Link, tuple[str, ...]] = {}
@@ -195,8 +189,10 @@ class TopicFinder:
     def find(self, topics: Iterable[tuple[str, list[str]]]) -> Iterator[Link]:
         """Yield the links that were not found before among all topics, with their types."""
         self.wrong_types, self.passed_over = {}, []
+        known, self._link_of = self._link_of, {}
         for topic, type_names in topics:
-            link = self._link_of(topic)
+            link = known[topic] if topic in known else self._link_named(topic)
+            self._link_of[topic] = link
             if link is None:
                 continue
             if not link.explicit and link.key in self._replaced:
@@ -205,11 +201,15 @@ class TopicFinder:
                     self.passed_over.append(link)
                 continue
             others = tuple(sorted(set(type_names) - {link.type_name}))
-            if others and not self._is_unknown(link):
+            is_unknown = self._is_unknown(link)
+            if others and not is_unknown:
                 self.wrong_types[link] = others
-            if link.type_name in type_names and topic not in self._found and self._admits(link):
-                self._found.add(topic)
-                yield link
+            if link.type_name in type_names and topic not in self._found:
+                # Every name is kept in the counts: of no more strangers than points of the fleet.
+                self._n_unknown += is_unknown
+                if not is_unknown or self._n_unknown <= len(self._points):
+                    self._found.add(topic)
+                    yield link
 
     def _link_named(self, topic: str) -> Link | None:
         """Return the link that a topic of this name carries, None when it carries none."""
@@ -223,12 +223,3 @@ class TopicFinder:
 
     def _is_unknown(self, link: Link) -> bool:
         return not {link.key.observer, link.key.target} - {'', ANY_OBSERVER} <= self._points
-
-    def _admits(self, link: Link) -> bool:
-        """Return False for a link to an unknown name beyond the few that are worth counting."""
-        if not self._is_unknown(link):
-            return True
-        if self._n_unknown == MOST_UNKNOWN:
-            return False
-        self._n_unknown += 1
-        return True

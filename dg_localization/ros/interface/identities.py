@@ -8,7 +8,6 @@ import re
 from typing import Any
 
 from dg_localization.fleet import InputState, LinkKey
-from dg_localization.ros.interface.discovery import MOST_UNKNOWN
 from dg_localization.ros.interface.links import ANY_OBSERVER, Link
 from dg_localization.ros.interface.parameters.spec import refused
 from msg_adapters import CameraReading, IdentifiedReading, PixelReading
@@ -16,8 +15,6 @@ from msg_adapters import CameraReading, IdentifiedReading, PixelReading
 LINE = re.compile(r'(?:"([^"]+)"|([^\s"]\S*))\s+([^\s"]+)')
 # What a table has for an id that stands for no robot or anchor.
 IGNORED = '-'
-MOST_CAMERAS = 256
-MOST_LISTED = 4
 OTHER_UNKNOWN = 'other ids'
 
 
@@ -66,7 +63,10 @@ class Identities:
     """
 
     def __init__(self, table: Mapping[str, str], points: Iterable[str]) -> None:
-        self._names = {**{point: point for point in points}, **table}
+        self._names = {point: point for point in points}
+        # Every name is kept: there are no more strangers than points of the fleet.
+        self._most_unknown = len(self._names)
+        self._names |= table
         self._unknown: set[str] = set()
 
     def observer(self, link: Link, observer_id: str) -> str:
@@ -93,7 +93,7 @@ class Identities:
 
     def _unknown_name(self, target_id: str) -> str:
         """Return a name for an id that is in no table, so that it is counted and shown."""
-        if len(self._unknown) < MOST_UNKNOWN:
+        if len(self._unknown) < self._most_unknown:
             self._unknown.add(target_id)
         if target_id not in self._unknown:
             return OTHER_UNKNOWN
@@ -101,30 +101,29 @@ class Identities:
 
 
 class Cameras:
-    """The newest camera matrix of each camera, by its observer and its optical frame."""
+    """The newest camera matrix of each topic."""
 
     def __init__(self) -> None:
-        self._cameras: dict[tuple[str, str], CameraReading] = {}
+        self._cameras: dict[Link, CameraReading] = {}
         self._arrivals: dict[LinkKey, tuple[int, float]] = {}
 
-    def keep(self, key: LinkKey, camera: CameraReading, now_s: float) -> None:
-        """Keep one camera matrix; raise ValueError if there are more than a robot can have."""
-        place = (key.observer, camera.frame_id)
-        if place not in self._cameras and len(self._cameras) == MOST_CAMERAS:
-            raise ValueError(
-                f"the camera in frame '{camera.frame_id}' is one more than {MOST_CAMERAS}"
-            )
-        self._cameras[place] = camera
-        count, _ = self._arrivals.get(key, (0, now_s))
-        self._arrivals[key] = count + 1, now_s
+    def keep(self, link: Link, camera: CameraReading, now_s: float) -> None:
+        """Keep one camera matrix."""
+        self._cameras[link] = camera
+        count, _ = self._arrivals.get(link.key, (0, now_s))
+        self._arrivals[link.key] = count + 1, now_s
 
     def rays(self, link: Link, reading: PixelReading) -> IdentifiedReading:
         """Return the rays to pixels; raise ValueError if the matrix of their camera is unknown."""
-        camera = self._cameras.get((link.key.observer, reading.frame_id))
+        cameras = {
+            camera.frame_id.removeprefix('/'): camera
+            for other, camera in self._cameras.items()
+            if other.key.observer == link.key.observer
+        }
+        camera = cameras.get(reading.frame_id.removeprefix('/'))
         if camera is None:
-            came = [frame for observer, frame in self._cameras if observer == link.key.observer]
-            frames = ', '.join(f"'{frame}'" for frame in came[:MOST_LISTED])
-            hint = f'those that came are in frames {frames}' if came else 'is there a link to it?'
+            came = ', '.join(f"'{frame}'" for frame in cameras)
+            hint = f'those that came are in frames {came}' if came else 'is there a link to it?'
             raise ValueError(
                 f'no sensor_msgs/msg/CameraInfo of {link.key.observer} in frame '
                 f"'{reading.frame_id}' has arrived, which the pixels need: {hint}"

@@ -11,10 +11,11 @@ wrong on the way is counted and never raised.
 
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass
+from functools import cache
 import math
 from types import MappingProxyType
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,13 +28,11 @@ from dg_localization.fleet import (
     Localizer,
     Rejection,
     RejectionReason,
-    SensorBounds,
 )
 from dg_localization.fleet.admission import PeerMeasurement
 from dg_localization.ros.interface.identities import Cameras, Identities
 from dg_localization.ros.interface.links import Link
 from dg_localization.ros.interface.poses import usable_frame_id
-from dg_localization.ros.interface.report import NONE_MALFORMED, Malformed, shortened
 from msg_adapters import (
     BearingReading,
     CameraReading,
@@ -53,6 +52,8 @@ MOST_BYTES = 32_768
 MOST_BYTES_PER_ROW = 128
 # The range of a peer and the ray to it may come in a row each.
 ROWS_PER_POINT = 2
+# What a sensor or a stranger sends may be quoted, and diagnostics are recorded for days.
+MOST_CHARACTERS = 300
 # The last field of sensor_msgs/Range, in single precision.
 VARIANCE_BYTES = 4
 # How far back, and from how many on, rejections say that something is wrong with an input.
@@ -65,6 +66,23 @@ HARMLESS = {
     RejectionReason.UNKNOWN_ROBOT,
     RejectionReason.SAME_ROBOT,
 }
+
+
+def shortened(text: str) -> str:
+    """Return a text that quotes others, cut to a length that people read."""
+    return text if len(text) <= MOST_CHARACTERS else f'{text[: MOST_CHARACTERS - 4]} ...'
+
+
+@dataclass(frozen=True)
+class Malformed:
+    """How many messages of a topic could not be read, what was wrong with the last, and when."""
+
+    count: int
+    last: str
+    last_s: float = -math.inf
+
+
+NONE_MALFORMED = Malformed(0, '')
 
 
 class Intake:
@@ -104,8 +122,7 @@ class Intake:
         self._use_header_stamp = use_header_stamp
         self._most_rows = ROWS_PER_POINT * len(localizer.config.points)
         self._most_bytes = MOST_BYTES + MOST_BYTES_PER_ROW * self._most_rows
-        self._message_classes: dict[str, type] = {}
-        self._bounds: dict[Link, SensorBounds] = {}
+        self._bounds_of = cache(Link.bounds_within)
         self._counts: deque[tuple[float, dict[LinkKey, tuple[int, int]]]] = deque()
         self.malformed: dict[str, Malformed] = {}
         self.bodies: dict[str, str] = {}
@@ -144,10 +161,7 @@ class Intake:
                 'are read'
             )
         adapter = adapter_for(link.type_name)
-        message_class = self._message_classes.get(link.type_name)
-        if message_class is None:
-            message_class = self._message_classes[link.type_name] = adapter.message_class()
-        reading: Any = adapter.from_message(_deserialized(data, message_class))
+        reading = adapter.from_message(_deserialized(data, adapter.message_class()))
         if not isinstance(reading, adapter.value_class):
             raise TypeError(
                 f'the adapter of {link.type_name} returned {type(reading).__name__}, '
@@ -158,17 +172,12 @@ class Intake:
                 f'the cloud has {len(reading.peers)} points, for this fleet at most '
                 f'{self._most_rows} are read'
             )
-        frames = {
-            name: getattr(reading, name).removeprefix('/')
-            for name in ('frame_id', 'child_frame_id')
-            if str(getattr(reading, name, '')).startswith('/')
-        }
-        # tf2 has no names with a slash at the beginning; ROS 1 had.
-        return replace(cast(Any, reading), **frames) if frames else reading
+        return reading
 
     def _add(self, link: Link, reading: Any, stamp_s: float, now_s: float) -> Rejection | None:
         """Give a reading to the localizer, or keep the matrix of a camera."""
-        localizer, key, bounds = self._localizer, link.key, self._bounds_of(link)
+        localizer, key = self._localizer, link.key
+        bounds = self._bounds_of(link, localizer.config.sensor_bounds)
         match reading:
             case RangeReading():
                 return localizer.add_range(
@@ -198,7 +207,7 @@ class Intake:
                     frame=usable_frame_id(reading.frame_id),
                 )
             case CameraReading():
-                self._cameras.keep(key, reading, now_s)
+                self._cameras.keep(link, reading, now_s)
                 return None
             case PixelReading():
                 reading = self._cameras.rays(link, reading)
@@ -243,16 +252,6 @@ class Intake:
         """Return the name of a peer, one for all strangers: every name is kept."""
         points = self._localizer.config.points
         return points[peer] if 0 <= peer < len(points) else f'peer beyond {len(points) - 1}'
-
-    def _bounds_of(self, link: Link) -> SensorBounds:
-        """Return the error bounds of what a link measures."""
-        if link not in self._bounds:
-            self._bounds[link] = link.bounds_within(self._localizer.config.sensor_bounds)
-        return self._bounds[link]
-
-    def configure(self) -> None:
-        """Read the settings of the localizer anew."""
-        self._bounds.clear()
 
     def forget(self) -> None:
         """Forget what could not be read; the matrix of a camera stays."""

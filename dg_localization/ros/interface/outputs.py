@@ -9,7 +9,7 @@ from dataclasses import replace
 from itertools import combinations, product
 import re
 import time
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
@@ -26,7 +26,6 @@ from dg_localization.fleet import Estimate, LinkState, Placement
 from dg_localization.fleet.rotations import rotation_of_quaternion
 from dg_localization.ros.interface.parameters.spec import WrongParameterError
 from dg_localization.ros.interface.poses import (
-    LEAST_DEVIATION_M,
     feasible_poses,
     frame_id,
     in_space,
@@ -87,7 +86,7 @@ def estimate_messages(
     estimate: Estimate,
     fixed_frame: str,
     lifetime_s: float,
-    least_deviation_m: float | None = LEAST_DEVIATION_M,
+    least_deviation_m: float | None = None,
 ) -> Iterator[tuple[str, bytes]]:
     """
     Yield the serialized messages of an estimate, each with the name of its topic.
@@ -131,8 +130,6 @@ LANDMARK_RGBA = np.array([0.8, 0.8, 0.8, 1.0])
 FIRST_HUE = 0.58
 HUE_STEP = 0.381966
 NAME_RGBA = np.array([1.0, 1.0, 1.0, 1.0])
-# More placements on top of each other show nothing, and cost every viewer time.
-MOST_DRAWN = 32
 
 LOOKS = {
     'robots': (Shape.SPHERE_LIST, ROBOT_DIAMETER_M),
@@ -146,7 +143,7 @@ Group = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 def scene(estimate: Estimate, frame_id: str, lifetime_s: float) -> MarkerScene:
     """
-    Return robots, headings, names, enclosures and links of the first `MOST_DRAWN` placements.
+    Return robots, headings, names, enclosures and links of the placements.
 
     Each placement has a color of its own; links are green, gray when stale, red when they
     contradict others. What is not known or not bounded is left out.
@@ -161,7 +158,7 @@ def scene(estimate: Estimate, frame_id: str, lifetime_s: float) -> MarkerScene:
     pairs = np.reshape([*drawn.values()], (-1, 2)).astype(int)
     link_colors = np.reshape([_link_color(link) for link in drawn], (-1, 4))
     groups: dict[str, list[Group]] = {name: [] for name in LOOKS}
-    for number, placement in enumerate(estimate.placements[:MOST_DRAWN]):
+    for number, placement in enumerate(estimate.placements):
         color, points_m = _color(number), _points(placement)
         robots_m, landmarks_m = np.split(points_m, [len(estimate.robots)])
         tips_m = HEADING_LENGTH_M * rotation_of_quaternion(placement.best_headings[0])[:, :, 0]
@@ -217,35 +214,27 @@ def _names(estimate: Estimate) -> Iterator[Marker]:
     names = (*estimate.robots, *estimate.landmarks)
     # Beside the point for those who look from above, and above it for the others.
     offset = np.array([0.0, ROBOT_DIAMETER_M, ROBOT_DIAMETER_M])
-    named: list[list[NDArray[np.float64]]] = [[] for _ in names]
-    for number, placement in enumerate(estimate.placements[:MOST_DRAWN]):
-        for row, (name, point) in enumerate(zip(names, _points(placement), strict=True)):
-            nearby = any(np.linalg.norm(point - other) < NAME_HEIGHT_M for other in named[row])
-            if nearby or not np.isfinite(point).all():
-                continue
-            named[row].append(point)
+    placed_m = np.reshape([_points(one) for one in estimate.placements], (-1, len(names), 3))
+    for number, points_m in enumerate(placed_m):
+        before_m = np.linalg.norm(placed_m[:number] - points_m, axis=2)
+        is_new = np.isfinite(points_m).all(axis=1) & ~(before_m < NAME_HEIGHT_M).any(axis=0)
+        for row in np.flatnonzero(is_new).tolist():
             yield Marker(
                 namespace='names',
                 identifier=number * len(names) + row,
                 shape=Shape.TEXT,
-                points_m=(point + offset)[None, :],
+                points_m=points_m[None, row] + offset,
                 colors_rgba=NAME_RGBA[None, :],
                 size_m=NAME_HEIGHT_M,
-                text=name,
+                text=names[row],
             )
 
 
-def _publisher(node: LifecycleNode, output: Output) -> Publisher:
-    """Make a publisher without events: an executor looks at each of them at every wake-up."""
-    events = PublisherEventCallbacks(use_default_callbacks=False)
-    return node.create_publisher(
-        output.message_class, output.name, output.qos, event_callbacks=events
-    )
-
-
-class EstimatePublishers:
+class Publishers:
     """
-    The publishers of estimates and of their transforms.
+    The publishers of a node on some topics, which take serialized messages.
+
+    They have no events: an executor looks at each of them at every wake-up.
 
     Parameters
     ----------
@@ -257,7 +246,11 @@ class EstimatePublishers:
 
     def __init__(self, node: LifecycleNode, outputs: Iterable[Output]) -> None:
         self._node = node
-        self._publishers = {output.name: _publisher(node, output) for output in outputs}
+        events = PublisherEventCallbacks(use_default_callbacks=False)
+        self._publishers: dict[str, Publisher] = {
+            name: node.create_publisher(message_class, name, qos, event_callbacks=events)
+            for name, message_class, qos in outputs
+        }
 
     def publish(self, messages: Iterable[tuple[str, bytes]]) -> None:
         """Publish serialized messages, each with the name of its topic."""
@@ -273,23 +266,25 @@ class EstimatePublishers:
             self._node.destroy_publisher(publisher)
 
 
-class DiagnosticsPublisher:
-    """The publisher on /diagnostics."""
+class DiagnosticsStream:
+    """
+    Makes messages of diagnostics, of those that are to be published.
 
-    def __init__(self, node: LifecycleNode) -> None:
-        self._publisher = _publisher(node, DIAGNOSTICS)
-        self._last_seen: Any = None
+    Diagnostics of before are repeated only at regular times; others are new where a level or a
+    message differs, apart from numbers that change all the time.
+    """
 
-    def publish(self, diagnostics: Diagnostics, changes_only: bool = False) -> None:
-        """Publish; or only if a level or a message differs from what was published last."""
-        before, self._last_seen = self._last_seen, outline(diagnostics)
-        if not changes_only or before != self._last_seen:
-            self._publisher.publish(diagnostics_to_cdr(diagnostics))
+    def __init__(self) -> None:
+        self._last_seen: object = None
 
-
-def outline(diagnostics: Diagnostics) -> tuple[tuple[str, int, str], ...]:
-    """Return names, levels and messages without numbers that change all the time."""
-    return tuple(
-        (status.name, status.level, DECIMAL.sub('#', status.message))
-        for status in diagnostics.statuses
-    )
+    def messages(
+        self, diagnostics: Diagnostics, is_regular: bool = True
+    ) -> Iterator[tuple[str, bytes]]:
+        """Yield the message, with the name of its topic, if it is to be published."""
+        before = self._last_seen
+        self._last_seen = [
+            (status.name, status.level, DECIMAL.sub('#', status.message))
+            for status in diagnostics.statuses
+        ]
+        if is_regular or before != self._last_seen:
+            yield DIAGNOSTICS.name, diagnostics_to_cdr(diagnostics)

@@ -10,12 +10,13 @@ the estimate places the odometry frame; elsewhere it places the body.
 
 from bisect import bisect_left
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet import Estimate, FixedFrame, FrameKind, Placement
+from dg_localization.fleet.motion import Motion
 from dg_localization.fleet.rotations import level_rotations, quaternion_of, rotation_of_quaternion
 from dg_localization.fleet.vocabulary import OdometrySample
 from msg_adapters import PoseList, UncertainPose
@@ -31,7 +32,6 @@ UNKNOWN_VARIANCE_RAD2 = 1e6
 # The robot that the frame is attached to has no error there. Filters take a variance of zero for
 # certainty, and some cannot invert it: a millimeter and a milliradian are certain enough.
 LEAST_VARIANCE = 1e-6
-LEAST_DEVIATION_M = 0.05
 
 
 def feasible_poses(estimate: Estimate, frame_id: str) -> PoseList:
@@ -58,7 +58,7 @@ def unique_pose(
     estimate: Estimate,
     robot: int,
     frame_id: str,
-    least_deviation_m: float | None = LEAST_DEVIATION_M,
+    least_deviation_m: float | None = None,
 ) -> UncertainPose | None:
     """
     Return the pose of a robot while exactly one hypothesis is left, else None.
@@ -127,13 +127,14 @@ LONGEST_FRAME_ID = 255
 
 
 def usable_frame_id(name: str) -> str:
-    """Return the name of a frame as a message states it; empty where it is not fit to publish."""
-    return name if len(name) <= LONGEST_FRAME_ID and name.isprintable() else ''
+    """Return the name of a frame that a message states; empty where it is not fit to publish."""
+    # tf2 has no names with a slash at the beginning; ROS 1 had.
+    return name.removeprefix('/') if len(name) <= LONGEST_FRAME_ID and name.isprintable() else ''
 
 
 def check_frame_id(name: str) -> None:
     """Raise ValueError unless `name` can be that of a frame."""
-    if not name or '/' in name[:1] or ' ' in name or not usable_frame_id(name):
+    if not name or ' ' in name or usable_frame_id(name) != name:
         raise ValueError(
             "it must be the name of a frame, without blanks or a slash, such as 'map'"
         )
@@ -150,18 +151,13 @@ def frame_id(frame: FixedFrame | None, fixed_frame: str) -> str:
     return SHAPE_FRAME
 
 
-# How far odometry is carried on beyond its last pose, at the speed it had.
-MOST_CARRIED_S = 0.2
-# Between poses that are farther apart a robot may have been anywhere.
-MOST_GAP_S = 0.5
-
-Tracks = Mapping[str, Sequence[OdometrySample]]
+Track = tuple[OdometrySample, ...]
 
 
 def transforms(
     estimate: Estimate,
     fixed_frame: str,
-    odometry: Tracks,
+    motion: Motion,
     bodies: Mapping[str, str],
     awaited: Collection[str] = (),
 ) -> tuple[Transform, ...]:
@@ -171,14 +167,14 @@ def transforms(
     There are some only while one hypothesis is left, in the frame of the anchors, and for robots
     whose heading is known: any other frame moves or drifts with a robot. A frame that more than
     one robot calls its own is left out, since it can have one place only, and so is one that has
-    the name of the frame of the anchors. `odometry` is that of the snapshot of the estimate, and
+    the name of the frame of the anchors. `motion` is that of the snapshot of the estimate, and
     `bodies` has the names that it gives the frames of bodies. Before odometry that is `awaited`
     delivers, its frame is not known, and the body must not get a second parent.
     """
     if estimate.frame is None or estimate.frame.kind != FrameKind.ANCHORS:
         return ()
     name = frame_id(estimate.frame, fixed_frame)
-    tracks = {robot: odometry.get(robot, ()) for robot in estimate.robots}
+    tracks = {robot: motion.odometry.get(robot, ()) for robot in estimate.robots}
     children = {
         robot: (track and (track[-1].frame or bodies.get(robot))) or f'{robot}/{BODY_FRAME}'
         for robot, track in tracks.items()
@@ -186,7 +182,7 @@ def transforms(
     }
     times = Counter([name.removeprefix('/'), *children.values()])
     found = (
-        _transform(estimate, row, name, children[robot], tracks[robot])
+        _transform(estimate, row, name, children[robot], tracks[robot], motion)
         for row, robot in enumerate(estimate.robots)
         if robot in children and times[children[robot]] == 1
     )
@@ -194,7 +190,7 @@ def transforms(
 
 
 def _transform(
-    estimate: Estimate, row: int, name: str, child: str, track: Sequence[OdometrySample]
+    estimate: Estimate, row: int, name: str, child: str, track: Track, motion: Motion
 ) -> Transform | None:
     """Return the transform to the odometry frame of a robot, or to its body; None for no place."""
     pose = unique_pose(estimate, row, name)
@@ -202,7 +198,8 @@ def _transform(
         return None
     position_m, rotation = pose.position_xyz, rotation_of_quaternion(pose.orientation_xyzw)
     if track and track[-1].frame:
-        body = _body_at(track, pose.stamp_s)
+        max_gap_s = motion.config.odometry_error_of(estimate.robots[row]).max_gap_s
+        body = _body_at(track, pose.stamp_s, max_gap_s)
         if body is None:
             return None
         body_m, turn = body
@@ -215,16 +212,22 @@ def _transform(
 
 
 def _body_at(
-    track: Sequence[OdometrySample], stamp_s: float
+    track: Track, stamp_s: float, max_gap_s: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Return position and rotation of a body in its odometry frame, None where that ends."""
-    if len(track) < 2 or not track[0].stamp_s <= stamp_s <= track[-1].stamp_s + MOST_CARRIED_S:
+    """
+    Return position and rotation of a body in its odometry frame, None where that ends.
+
+    Odometry is carried on by one of its periods, at the speed it had. Where messages are missing a
+    robot may have been anywhere.
+    """
+    if len(track) < 2:
         return None
     after = bisect_left(track, stamp_s, 1, len(track) - 1, key=lambda reading: reading.stamp_s)
     a, b = track[after - 1], track[after]
-    if b.stamp_s - a.stamp_s > MOST_GAP_S or a.restarted_s != b.restarted_s:
+    period_s = b.stamp_s - a.stamp_s
+    fraction = (stamp_s - a.stamp_s) / period_s
+    if not 0.0 <= fraction <= 2.0 or period_s > max_gap_s or a.restarted_s != b.restarted_s:
         return None
-    fraction = (stamp_s - a.stamp_s) / (b.stamp_s - a.stamp_s)
     start_m, end_m = a.position_in_frame_m, b.position_in_frame_m
     turn = quaternion_of(a.rotation.T @ b.rotation)
     sine = float(np.linalg.norm(turn[:3]))

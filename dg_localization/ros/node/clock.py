@@ -6,15 +6,15 @@
 from collections import deque
 from collections.abc import Callable, Iterator
 import math
-from statistics import median
 import time
 
-MOST_STEPS = 9
-"""How many steps of the time are remembered."""
+from dg_localization.ros.interface.diagnostics import TOLERATED_RATE
+
+PERIODS = round(1.0 / (1.0 - TOLERATED_RATE))
+"""In so many periods the rate is tolerated still where one event is missing."""
 
 LEAST_SET_BACK_S = 0.001
 """A clock may be set back by less unnoticed: clocks of a machine do not run exactly alike."""
-
 
 SILENT_CLOCK_S = 3.0
 """A clock that stands still for longer is worth a warning."""
@@ -50,7 +50,7 @@ class NodeTime:
         self._last_s = read_s()
         self._moved_at_s = self._read_at_s = steady_s()
         self._begun_at_s = -math.inf
-        self._steps_s: deque[float] = deque(maxlen=MOST_STEPS)
+        self._moves = RateMeter(1.0 / LONGEST_CLOCK_STEP_S)
 
     def now(self) -> tuple[float, float]:
         """Return the time in s, and by how many seconds it has jumped back since the last call."""
@@ -64,10 +64,10 @@ class NodeTime:
             back_s = missing_s
         if back_s > 0.0:
             self._begun_at_s = self._steady_s()
-        if now_s > self._last_s > 0.0:
-            self._steps_s.append(now_s - self._last_s)
+            self._moves.clear()
         if now_s != self._last_s:
             self._moved_at_s = self._read_at_s
+            self._moves.count(now_s)
         self._last_s = now_s
         return now_s, back_s
 
@@ -83,8 +83,9 @@ class NodeTime:
         return self._last_s if self._is_simulated else self._last_s - waited_s
 
     def step_s(self) -> float:
-        """Return the usual step of the time between calls of `now` that found it moved."""
-        return median(self._steps_s) if len(self._steps_s) == MOST_STEPS else 0.0
+        """Return the mean step of the time between calls of `now` that found it moved."""
+        rate_hz = self._moves.rate_hz(self._last_s)
+        return 0.0 if rate_hz is None else 1.0 / rate_hz
 
     def warnings(self, n_publishers: int, is_active: bool) -> Iterator[str]:
         """Yield what is wrong with the clock, given the number of publishers of /clock."""
@@ -97,21 +98,8 @@ class NodeTime:
             yield f'time moves in steps of {step_s:.1f} s: /clock comes too rarely'
 
 
-LEAST_WINDOW_S = 5.0
-LEAST_PERIODS = 10
-"""How far to look back, in seconds and in wanted periods: whichever is longer."""
-
-LEAST_SPAN_S = 2.0
-"""No rate is known before this time: one late estimate is no rate."""
-
-SHARE_OF_PERIOD = 0.8
-"""An estimate is to take no more of a period: its measurements and messages take time, too."""
-
 GAIN = 0.5
 """What is spent on bounds follows the time that is left by this fraction, estimate by estimate."""
-
-LEAST_TIGHTEN_S = 0.001
-"""The least time that the solver takes for a limit."""
 
 
 class Pace:
@@ -133,7 +121,8 @@ class Pace:
     """
 
     def __init__(self, wanted_hz: float, limit_s: float = math.inf) -> None:
-        self._wanted_s = max(LEAST_TIGHTEN_S, SHARE_OF_PERIOD / wanted_hz)
+        # The rest of a period is for measurements and messages.
+        self._wanted_s = TOLERATED_RATE / wanted_hz
         # More would have no effect, and take many late estimates to come down from.
         self._most_s = min(self._wanted_s, limit_s)
         self.tighten_s = self._most_s
@@ -141,7 +130,7 @@ class Pace:
     def note(self, took_s: float) -> None:
         """Note how long an estimate took, in s."""
         left_s = self.tighten_s + GAIN * (self._wanted_s - took_s)
-        self.tighten_s = min(self._most_s, max(LEAST_TIGHTEN_S, left_s))
+        self.tighten_s = min(self._most_s, max(0.0, left_s))
 
 
 class RateMeter:
@@ -157,25 +146,23 @@ class RateMeter:
 
     def __init__(self, wanted_hz: float) -> None:
         self._period_s = 1.0 / wanted_hz
-        self._window_s = max(LEAST_WINDOW_S, LEAST_PERIODS * self._period_s)
-        self._times_s: deque[float] = deque()
+        self._times_s: deque[float] = deque(maxlen=1 + PERIODS)
 
     def count(self, now_s: float) -> None:
         """Count an event."""
         self._times_s.append(now_s)
-        while len(self._times_s) > 2 and now_s - self._times_s[1] > self._window_s:
-            self._times_s.popleft()
 
     def clear(self) -> None:
         """Forget all events."""
         self._times_s.clear()
 
     def rate_hz(self, now_s: float) -> float | None:
-        """Return the rate in Hz, None while too little time has passed to know one."""
-        if not self._times_s or now_s - self._times_s[0] < LEAST_SPAN_S:
+        """Return the rate in Hz, None while too few periods have passed to know one."""
+        times_s = self._times_s or (now_s,)
+        first_s, last_s, n_steps = times_s[0], times_s[-1], len(times_s) - 1
+        if n_steps < PERIODS and now_s - first_s < PERIODS * self._period_s:
             return None
-        first_s, last_s = self._times_s[0], self._times_s[-1]
         if now_s - last_s > self._period_s:
             # The next one is late: at best it comes now.
-            return len(self._times_s) / (now_s - first_s)
-        return (len(self._times_s) - 1) / (last_s - first_s)
+            n_steps, last_s = n_steps + 1, now_s
+        return n_steps / (last_s - first_s) if last_s > first_s else None

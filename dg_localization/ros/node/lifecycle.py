@@ -18,6 +18,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from dg_localization.ros.interface.intake import shortened
 from dg_localization.ros.interface.outputs import transform_output
 from dg_localization.ros.interface.parameters.settings import (
     Settings,
@@ -27,7 +28,6 @@ from dg_localization.ros.interface.parameters.settings import (
     without_fleet_changes,
 )
 from dg_localization.ros.interface.parameters.spec import WrongParameterError
-from dg_localization.ros.interface.report import shortened
 from msg_adapters import Level, Status
 
 N = TypeVar('N', bound=LifecycleNode)

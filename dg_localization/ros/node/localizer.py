@@ -15,7 +15,6 @@ import math
 from threading import Event
 import time
 import traceback
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from rclpy.lifecycle import TransitionCallbackReturn
@@ -31,20 +30,22 @@ from dg_localization.fleet import (
     warm_up,
     warm_up_status,
 )
-from dg_localization.ros.interface.diagnostics import statuses
-from dg_localization.ros.interface.intake import Intake
+from dg_localization.fleet.motion import Motion
+from dg_localization.ros.interface.diagnostics import Report, statuses
+from dg_localization.ros.interface.intake import Intake, shortened
 from dg_localization.ros.interface.links import Link
 from dg_localization.ros.interface.outputs import (
+    DIAGNOSTICS,
     TRANSFORM_TOPIC,
-    DiagnosticsPublisher,
-    EstimatePublishers,
+    DiagnosticsStream,
+    Publishers,
     estimate_messages,
     estimate_outputs,
     transform_output,
 )
 from dg_localization.ros.interface.parameters.settings import Settings, declare_settings
-from dg_localization.ros.interface.poses import Tracks, transforms
-from dg_localization.ros.interface.report import Report, shortened
+from dg_localization.ros.interface.poses import transforms
+from dg_localization.ros.node import worker
 from dg_localization.ros.node.clock import NodeTime, Pace, RateMeter
 from dg_localization.ros.node.inputs import Inputs
 from dg_localization.ros.node.lifecycle import FleetLog, LiveParameters, ManagedNode, transition
@@ -53,7 +54,6 @@ from dg_localization.ros.node.worker import (
     exit_code_despite_worker,
     load_for_good,
     longest_estimate_s,
-    patience_s,
 )
 from dg_localization.ros.spinning import STEADY, at_most_every, spin
 from msg_adapters import Diagnostics
@@ -71,11 +71,11 @@ LONGEST_REST_S = 0.01
 
 
 class TimedEstimate(NamedTuple):
-    """An estimate, its serialized messages, the odometry that it is to, and how long it took."""
+    """An estimate, its serialized messages, the motion that it is to, and how long it took."""
 
     estimate: Estimate
     messages: tuple[tuple[str, bytes], ...]
-    odometry: Tracks = MappingProxyType({})
+    motion: Motion | None = None
     estimate_s: float = 0.0
     messages_s: float = 0.0
 
@@ -88,7 +88,7 @@ class LocalizerNode(ManagedNode):
     before the first answer. Other arguments are those of `rclpy.node.Node`.
     """
 
-    _outputs: EstimatePublishers
+    _outputs: Publishers
     _worker: EstimateWorker[TimedEstimate]
     _warm_up_began_s: float
 
@@ -113,7 +113,8 @@ class LocalizerNode(ManagedNode):
         self._is_due = False
         self._inputs: Inputs | None = None
         self._time = NodeTime(self._clock_s, self._is_simulated)
-        self._diagnostics = DiagnosticsPublisher(self)
+        self._diagnostics = Publishers(self, [DIAGNOSTICS])
+        self._stream = DiagnosticsStream()
         self._fleet_log = FleetLog(self.get_logger())
         # The node's own time stands still while a simulation pauses; the diagnostics must not.
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._on_second, clock=STEADY)
@@ -132,7 +133,7 @@ class LocalizerNode(ManagedNode):
         outputs = [*estimate_outputs(self.settings.fleet.robots)]
         if self.settings.publish_tf:
             outputs.append(transform_output())
-        self._outputs = EstimatePublishers(self, outputs)
+        self._outputs = Publishers(self, outputs)
         made.callback(self._outputs.destroy)
         answer_ready = self._make_wake_up(self._on_answer)
         self._warm_up_began_s = time.monotonic()
@@ -187,7 +188,6 @@ class LocalizerNode(ManagedNode):
             self.destroy_timer(self._ticker)
             self._start_ticker()
         is_kept = self._localizer.configure(settings.fleet)
-        self._intake.configure()
         if not is_kept and self._state in ('inactive', 'active'):
             self._forget('parameters have changed')
 
@@ -225,7 +225,7 @@ class LocalizerNode(ManagedNode):
         ended_s = time.perf_counter()
         answer = self._with_messages(estimate)
         return answer._replace(
-            odometry=snapshot.motion.odometry,
+            motion=snapshot.motion,
             estimate_s=ended_s - began_s,
             messages_s=time.perf_counter() - ended_s,
         )
@@ -281,16 +281,17 @@ class LocalizerNode(ManagedNode):
         }
         self._intake_s = 0.0
         # tf2 warns of transforms that repeat a time, and does not take them.
-        if self.settings.publish_tf and answer.estimate.stamp_s != self._transforms_s:
-            self._publish_transforms(answer.estimate, answer.odometry)
-        self._diagnostics.publish(self._diagnose(), changes_only=True)
+        is_new = answer.estimate.stamp_s != self._transforms_s
+        if self.settings.publish_tf and is_new and answer.motion is not None:
+            self._publish_transforms(answer.estimate, answer.motion)
+        self._diagnostics.publish(self._stream.messages(self._diagnose(), is_regular=False))
 
-    def _publish_transforms(self, estimate: Estimate, odometry: Tracks) -> None:
+    def _publish_transforms(self, estimate: Estimate, motion: Motion) -> None:
         """Publish where the robots are, if that is known; silence says that it is not."""
         links = self._inputs.links if self._inputs is not None else ()
         awaited = {link.key.observer for link in links if link.key.kind is LinkKind.ODOMETRY}
         found = transforms(
-            estimate, self.settings.fixed_frame, odometry, self._intake.bodies, awaited
+            estimate, self.settings.fixed_frame, motion, self._intake.bodies, awaited
         )
         if found:
             self._transforms_s = estimate.stamp_s
@@ -305,14 +306,14 @@ class LocalizerNode(ManagedNode):
         """Look after the worker, the clock and the graph, and publish the diagnostics."""
         if self._state == 'active':
             self._now_s()
-            if self._worker.busy_s > patience_s(self._longest_estimate_s):
+            if self._worker.busy_s > self._longest_estimate_s + worker.PATIENCE_S:
                 self._give_up_estimate()
         diagnostics = self._diagnose()
         if self._state in ('inactive', 'active') and not self._worker.warm_up.done():
             self.get_logger().info(warm_up_status(), **at_most_every(REPEATED_PROGRESS_S))
         elif self._state == 'active':
             self._fleet_log.look(diagnostics.statuses[0])
-        self._diagnostics.publish(diagnostics)
+        self._diagnostics.publish(self._stream.messages(diagnostics))
         # Last: it reads names that strangers give, which must not keep the rest from being done.
         own_name = (self.get_name(), self.get_namespace())
         self._has_namesake = self.get_node_names_and_namespaces().count(own_name) > 1

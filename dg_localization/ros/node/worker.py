@@ -22,9 +22,8 @@ CLOSE_S = 2.0
 # The solver uses every processor, in threads that inherit the priority of this one. Without this,
 # messages wait for a turn among them and are lost (benchmarks/notes/reliability.md).
 NICENESS = 5
-# An estimate that takes this many times its limit, and at least that many seconds, may never end.
-PATIENCE = 5.0
-LEAST_PATIENCE_S = 10.0
+# An estimate that takes so much longer than its limits allow may never end.
+PATIENCE_S = 10.0
 
 
 class EstimateWorker(Generic[A]):
@@ -140,11 +139,6 @@ def exit_code_despite_worker(code: int) -> int:
 def longest_estimate_s(fleet: FleetConfig) -> float:
     """Return how long an estimate may take by its limits."""
     return fleet.solver.max_seconds + fleet.memory_max_seconds + fleet.max_conflict_seconds
-
-
-def patience_s(limit_s: float) -> float:
-    """Return after how long an estimate with a limit is taken to be stuck."""
-    return max(LEAST_PATIENCE_S, PATIENCE * limit_s)
 
 
 def load_for_good() -> None:

@@ -20,7 +20,6 @@ from dg_localization.fleet.checks import FARTHEST_M
 from dg_localization.fleet.config import LEAST_MEMORY_S
 from dg_localization.fleet.odometry_error import LEAST_SCALE, MOST_SCALE
 from dg_localization.ros.interface.parameters.spec import Spec
-from dg_localization.ros.interface.poses import LEAST_DEVIATION_M
 
 LENGTH, TIME = partial(Spec, unit='m', at_least=0.0), partial(Spec, unit='s', at_least=0.0)
 COUNT = partial(Spec, at_least=0)
@@ -57,7 +56,7 @@ TABLE = {
         choices=('estimate', 'enclosure'),
     ),
     'covariance_floor': LENGTH(
-        LEAST_DEVIATION_M, "least standard deviation of a coordinate with covariance 'estimate'"
+        0.05, "least standard deviation of a coordinate with covariance 'estimate'"
     ),
     'stamp_source': Spec(
         'header',
