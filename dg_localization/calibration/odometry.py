@@ -205,20 +205,13 @@ def fit_odometry(
         constant_m=constant_m,
         constant_rad=constant_rad,
     )
-    if not windows.tell_ways:
-        fit = replace(
-            fit,
-            constant_m=max(constant_m, stated.constant_m),
-            translation_per_m=max(per_m, stated.translation_per_m),
-            translation_per_rad=stated.translation_per_rad,
-        )
-    if not windows.tell_turns:
-        fit = replace(
-            fit,
-            constant_rad=max(constant_rad, stated.constant_rad),
-            rotation_per_m=stated.rotation_per_m,
-            rotation_per_rad=max(per_rad, stated.rotation_per_rad),
-        )
+    for tells, names in (
+        (windows.tell_ways, ('constant_m', 'translation_per_m', 'translation_per_rad')),
+        (windows.tell_turns, ('constant_rad', 'rotation_per_m', 'rotation_per_rad')),
+    ):
+        if not tells:
+            least = {name: max(getattr(fit, name), getattr(stated, name)) for name in names}
+            fit = replace(fit, **least)
     return fit
 
 

@@ -20,13 +20,11 @@ import tempfile
 
 from dg_localization.calibration.bounds import Choice
 from dg_localization.fleet import FleetConfig, LinkKind
-from dg_localization.ros.bags.bag import Bag, in_seconds, open_bag
+from dg_localization.ros.bags.bag import in_seconds, open_bag
 from dg_localization.ros.bags.fit import GROUPS, LearnedBounds, bounds_of, fit
-from dg_localization.ros.bags.offline import RecordedInputs, Task, find_inputs, read_task
-from dg_localization.ros.bags.reading import Reading
+from dg_localization.ros.bags.offline import Recording, Task, read_task
 from dg_localization.ros.bags.report import Tree
 from dg_localization.ros.bags.samples import Gatherer
-from dg_localization.ros.bags.truth import read_truth
 from dg_localization.ros.executables import (
     EXIT_CODES,
     EXIT_FAILED,
@@ -43,28 +41,24 @@ from dg_localization.ros.interface.parameters.settings import parameters_text, y
 from dg_localization.ros.spinning import own_arguments
 
 
-def collect(
-    options: argparse.Namespace, task: Task, bag: Bag, inputs: RecordedInputs
-) -> tuple[Gatherer, list[str]]:
-    """Return the readings of a bag and what is wrong with it; print what is not learned of."""
+def collect(task: Task, recording: Recording) -> Gatherer:
+    """Return the readings of a bag; print what is not learned of."""
     gatherer, rejected = Gatherer(task.settings.fleet), Counter[str]()
     intake = Intake(gatherer, task.settings.use_header_stamp, task.settings.ids)
-    links = {link.topic: link for link in inputs.links}
-    reading = Reading(bag, inputs.topics)
-    for message in reading.shown(options.start, options.duration):
+    for message in recording.messages():
         now_s = in_seconds(message.time_ns)
-        rejection = intake.take(links[message.topic], message.data, now_s)
+        rejection = intake.take(recording.links[message.topic], message.data, now_s)
         if rejection is not None:
             rejected[rejection.reason.value] += 1
-    for notice in (*bag.notices, *inputs.notices, *reading.notices):
+    for notice in recording.notices:
         print_line(notice)
     malformed = sum(wrong.count for wrong in intake.malformed.values())
-    if unread := malformed + reading.unreadable.total():
+    if unread := malformed + recording.reading.unreadable.total():
         print_line(f'{unread} messages could not be read')
     if rejected:
         reasons = ', '.join(f'{n} {why}' for why, n in sorted(rejected.items()))
         print_line(f'nothing is learned of {rejected.total()} rejected messages ({reasons})')
-    return gatherer, reading.damage
+    return gatherer
 
 
 def main(args: Sequence[str]) -> int:
@@ -92,26 +86,21 @@ def main(args: Sequence[str]) -> int:
             'and the points above or below the others.'
         )
     with open_bag(options.bag) as bag:
-        inputs = find_inputs(task.settings, bag.types)
-        truth = read_truth(options.truth, task.settings, bag)
-        for notice in truth.notices:
-            print_line(notice)
-        gatherer, damage = collect(options, task, bag, inputs)
-        beside = truth.of_fleet(task.settings.fleet) if options.truth else None
-        links = {link.key for link in inputs.links}
+        recording = Recording(options, task.settings, bag)
+        gatherer, links = collect(task, recording), [*recording.links.values()]
         choice = Choice(options.keep, options.margin)
-        learned = fit(gatherer, beside, links, options.per, choice)
-        text = as_yaml(learned, inputs.links, options.bag.resolve().name, task.settings.fleet)
+        keys = {link.key for link in links}
+        learned = fit(gatherer, recording.truth, keys, options.per, choice)
+        text = as_yaml(learned, links, options.bag.resolve().name, task.settings.fleet)
     # The node's own checks read the parameters that are to be printed.
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / 'bounds.yaml'
         path.write_text(text, encoding='utf-8')
         read_task(options.params, ['--ros-args', '--params-file', str(path), '--', *args])
-    # What is wrong with the bag is wrong with the truth in it, too.
-    for sentence in dict.fromkeys((*damage, *truth.damage)):
+    for sentence in recording.damage:
         print_line(sentence)
     print_result(text)
-    return EXIT_FAILED if damage or truth.damage else 0
+    return EXIT_FAILED if recording.damage else 0
 
 
 # What a link measures of others.

@@ -27,14 +27,13 @@ from dg_localization.fleet import solver_warnings, warm_up
 from dg_localization.ros.bags.bag import NS_PER_S, Bag, BagError, in_seconds, open_bag
 from dg_localization.ros.bags.offline import (
     BagLocalizer,
+    Recording,
     Task,
-    find_inputs,
     new_bag,
     read_task,
     timeline,
 )
 from dg_localization.ros.bags.picture import PICTURES, AnswerPicture, as_page, check_can_draw
-from dg_localization.ros.bags.reading import Reading
 from dg_localization.ros.bags.report import (
     Sheet,
     Tally,
@@ -46,7 +45,6 @@ from dg_localization.ros.bags.report import (
     parts,
     width_text,
 )
-from dg_localization.ros.bags.truth import read_truth
 from dg_localization.ros.bags.truth_tally import TruthTally
 from dg_localization.ros.executables import (
     EXIT_CODES,
@@ -84,24 +82,21 @@ class BagRun:
     def __init__(self, options: argparse.Namespace, task: Task, bag: Bag) -> None:
         fleet = task.settings.fleet
         self.options, self.task, self.bag = options, task, bag
-        self.inputs = find_inputs(task.settings, bag.types)
-        self.truth = read_truth(options.truth, task.settings, bag)
-        beside = self.truth.of_fleet(fleet) if options.truth else None
-        self.tally = Tally(fleet.robots)
-        self.compared = TruthTally(beside) if beside else None
+        self.recording = Recording(options, task.settings, bag)
+        self.tally, truth = Tally(fleet.robots), self.recording.truth
+        self.compared = TruthTally(truth) if truth else None
         is_drawn = options.plot is not None or (options.report and options.report.suffix == PAGE)
         title = options.bag.resolve().name
-        self.picture = AnswerPicture(fleet, title, beside) if is_drawn else None
+        self.picture = AnswerPicture(fleet, title, truth) if is_drawn else None
         self.others = [one for one in (self.compared, self.picture) if one is not None]
 
     def localize(self, stop: StopRequest) -> Tree:
         """Localize, write the answers, and return the report."""
         span_ns, gaps_ns = self._span_ns(), list[tuple[int, int]]()
-        reading = Reading(self.bag, self.inputs.topics)
+        settings, recording = self.task.settings, self.recording
         with new_bag(self.options.output) as writer:
-            localizer = BagLocalizer(self.task, self.inputs, writer)
-            messages = reading.shown(self.options.start, self.options.duration)
-            events = timeline(messages, span_ns, self.task.settings.rate_hz, gaps_ns)
+            localizer = BagLocalizer(self.task, recording, writer)
+            events = timeline(recording.messages(), span_ns, settings.rate_hz, gaps_ns)
             for time_ns, message in events:
                 if stop.is_set():
                     break
@@ -118,26 +113,25 @@ class BagRun:
             if stop.is_set() and not self.tally.ticks:
                 raise KeyboardInterrupt
         gaps = [tuple(map(self._at_s, gap_ns)) for gap_ns in gaps_ns]
-        notices = [*self.bag.notices, *self.inputs.notices, *reading.notices, *self.truth.notices]
-        notices += [gap_text(*gap) for gap in gaps]
         ending = f'It ends at {self.tally.last_s:.1f} s: interrupted.' if stop.is_set() else ''
-        states = localizer.intake.states(in_seconds(span_ns[1]))
         return {
             'bag': self.options.bag.resolve().name,
             'start_s': self.options.start,
             'end_s': self._at_s(span_ns[1]),
-            'rate_hz': self.task.settings.rate_hz,
+            'rate_hz': settings.rate_hz,
             'ending': ending,
-            # What is wrong with a topic that is an input and a truth is found twice.
-            'damage': list(dict.fromkeys((*reading.damage, *self.truth.damage))),
-            'max_boxes': self.task.settings.fleet.solver.max_boxes,
+            'damage': recording.damage,
+            'max_boxes': settings.fleet.solver.max_boxes,
             **self.tally.tree(),
             **inputs_tree(
-                self.inputs.links, states, localizer.intake.malformed, reading.unreadable
+                [*recording.links.values()],
+                localizer.intake.states(in_seconds(span_ns[1])),
+                localizer.intake.malformed,
+                recording.reading.unreadable,
             ),
             'truth': self.compared.tree() if self.compared else None,
             'gaps': [{'first_s': first_s, 'last_s': last_s} for first_s, last_s in gaps],
-            'notices': list(dict.fromkeys(notices)),
+            'notices': [*recording.notices, *(gap_text(*gap) for gap in gaps)],
         }
 
     def _span_ns(self) -> tuple[int, int]:

@@ -7,6 +7,7 @@ What the node does, without the node: in the time of a bag, into another bag.
 That is an .mcap, by the package rosbags: equal messages give equal bytes.
 """
 
+import argparse
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -24,8 +25,9 @@ from rclpy.signals import SignalHandlerOptions
 
 from dg_localization.fleet import Cancel, Estimate, Localizer
 from dg_localization.fleet.snapshot import Snapshot
-from dg_localization.ros.bags.bag import NS_PER_S, BagError, in_seconds
-from dg_localization.ros.bags.reading import BagMessage
+from dg_localization.ros.bags.bag import NS_PER_S, Bag, BagError, in_seconds
+from dg_localization.ros.bags.reading import BagMessage, Reading
+from dg_localization.ros.bags.truth import read_truth
 from dg_localization.ros.executables import writing
 from dg_localization.ros.interface.diagnostics import Report, statuses
 from dg_localization.ros.interface.discovery import TopicFinder
@@ -103,47 +105,58 @@ def _hidden_localizer(params: Path, arguments: Sequence[str]) -> Iterator[Node]:
         yield node
 
 
-@dataclass(frozen=True)
-class RecordedInputs:
+class Recording:
     """
-    Which topics of a bag are inputs.
+    What a command line names of a bag: the inputs of a fleet, and where the robots truly were.
 
     Attributes
     ----------
-    links : tuple of Link
-        All inputs; those named one by one may be missing from the bag.
-    notices : tuple of str
-        A sentence for each input that cannot be read.
-    topics : tuple of str
-        Those to read.
+    links : dict of str to Link
+        By topic, all inputs; those named one by one may be missing from the bag.
     wrong_types : dict of Link to tuple of str
         Inputs whose topics have other types, with these.
+    truth : FleetTruth or None
+    reading : Reading
+        Of the inputs that can be read.
 
     """
 
-    links: tuple[Link, ...]
-    notices: tuple[str, ...]
-    topics: tuple[str, ...]
-    wrong_types: dict[Link, tuple[str, ...]]
+    def __init__(self, options: argparse.Namespace, settings: Settings, bag: Bag) -> None:
+        finder = TopicFinder(settings.templates, settings.links, settings.fleet.points)
+        found = finder.find(sorted((topic, list(kinds)) for topic, kinds in bag.types.items()))
+        links = (*settings.links, *found)
+        wrong = {link: _wrong_with(link, bag.types) for link in (*links, *finder.wrong_types)}
+        notices = [text for text in wrong.values() if text]
+        topics = [link.topic for link in links if not wrong[link]]
+        if not topics:
+            names = ', '.join(f"'{template.text}'" for template in settings.templates) or 'none'
+            points, topics_text = ', '.join(settings.fleet.points), ', '.join(sorted(bag.types))
+            what = (
+                f'no topic of the bag is an input of {points} by the templates {names} and '
+                f'{len(settings.links)} links; it has {topics_text}'
+            )
+            raise BagError('; '.join([what, *notices]))
+        self.links = {link.topic: link for link in links}
+        self.wrong_types = finder.wrong_types
+        self._span_s = options.start, options.duration
+        self._truth = read_truth(options.truth, settings, bag)
+        self.truth = self._truth.of_fleet(settings.fleet) if options.truth else None
+        self.reading = Reading(bag, topics)
+        self._notices = (*bag.notices, *notices, *self.reading.notices, *self._truth.notices)
 
+    def messages(self) -> Iterator[BagMessage]:
+        """Yield the messages of the span that is to be read, with a bar over its time."""
+        return self.reading.shown(*self._span_s)
 
-def find_inputs(settings: Settings, recorded: Mapping[str, Sequence[str]]) -> RecordedInputs:
-    """Find the inputs of a fleet among recorded topics, each with the types of its messages."""
-    finder = TopicFinder(settings.templates, settings.links, settings.fleet.points)
-    found = finder.find(sorted((topic, list(kinds)) for topic, kinds in recorded.items()))
-    links = (*settings.links, *found)
-    others = [link for link in finder.wrong_types if link not in links]
-    notices = tuple(filter(None, (_wrong_with(link, recorded) for link in (*links, *others))))
-    topics = tuple(link.topic for link in links if not _wrong_with(link, recorded))
-    if not topics:
-        names = ', '.join(f"'{template.text}'" for template in settings.templates) or 'none'
-        points, topics_text = ', '.join(settings.fleet.points), ', '.join(sorted(recorded))
-        what = (
-            f'no topic of the bag is an input of {points} by the templates {names} and '
-            f'{len(settings.links)} links; it has {topics_text}'
-        )
-        raise BagError('; '.join([what, *notices]))
-    return RecordedInputs(links, notices, topics, dict(finder.wrong_types))
+    @property
+    def notices(self) -> list[str]:
+        """A sentence for each input that cannot be read, and on what else there is to say."""
+        return list(dict.fromkeys(self._notices))
+
+    @property
+    def damage(self) -> list[str]:
+        """What is wrong with the bag; an input that is a truth, too, is read twice."""
+        return list(dict.fromkeys((*self.reading.damage, *self._truth.damage)))
 
 
 def _wrong_with(link: Link, recorded: Mapping[str, Sequence[str]]) -> str:
@@ -240,9 +253,8 @@ class BagLocalizer:
 
     """
 
-    def __init__(self, task: Task, inputs: RecordedInputs, writer: BagWriter) -> None:
-        self._task, self._inputs, self._writer = task, inputs, writer
-        self._links = {link.topic: link for link in inputs.links}
+    def __init__(self, task: Task, recording: Recording, writer: BagWriter) -> None:
+        self._task, self._recording, self._writer = task, recording, writer
         settings = task.settings
         self._localizer = Localizer(settings.fleet)
         self._stream, self._second = DiagnosticsStream(), 0
@@ -252,7 +264,7 @@ class BagLocalizer:
 
     def take(self, message: BagMessage) -> None:
         """Take one recorded message."""
-        link = self._links[message.topic]
+        link = self._recording.links[message.topic]
         self.intake.take(link, message.data, in_seconds(message.time_ns))
 
     def tick(
@@ -263,8 +275,8 @@ class BagLocalizer:
 
         Return it with the snapshot that it is to, and what the node would say.
         """
-        answer_s = self._localizer.answer_time(in_seconds(time_ns))
-        snapshot = self._localizer.snapshot(answer_s)
+        now_s = in_seconds(time_ns)
+        snapshot = self._localizer.snapshot(self._localizer.answer_time(now_s))
         estimate = self._localizer.estimate(snapshot, cancel)
         if cancel.is_set():
             return None
@@ -273,16 +285,15 @@ class BagLocalizer:
             estimate, settings.fixed_frame, settings.lifetime_s, settings.least_deviation_m
         ):
             self._writer.write(self._task.topics[name], time_ns, message)
-        now_s = in_seconds(time_ns)
         report = Report(
             node=self._task.node,
             settings=settings,
             now_s=now_s,
             estimate=estimate,
-            links=tuple(self._links.values()),
+            links=tuple(self._recording.links.values()),
             inputs=self.intake.states(now_s),
             malformed=self.intake.malformed,
-            wrong_types=self._inputs.wrong_types,
+            wrong_types=self._recording.wrong_types,
         )
         diagnostics = Diagnostics(now_s, statuses(report))
         for status in diagnostics.statuses:
