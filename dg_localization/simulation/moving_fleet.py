@@ -51,7 +51,6 @@ REACH_M = 30.0
 COMMON_SHARE = 0.8
 COMMON_RADIUS_M = 20.0
 SWING_RADIUS_M = 0.3
-LEAST_LOOP_RADIUS_M, GREATEST_LOOP_RADIUS_M = 0.6, 1.2
 
 # This share of a bound is left to the rounding of messages: numbers in single precision, stamps
 # in whole nanoseconds.
@@ -123,7 +122,8 @@ class FleetMotion:
             self._radii_m = np.full(len(ROBOTS), SWING_RADIUS_M)
         else:
             self._common_share = 0.0
-            self._radii_m = rng.uniform(LEAST_LOOP_RADIUS_M, GREATEST_LOOP_RADIUS_M, len(ROBOTS))
+            # A loop is two to four times as wide.
+            self._radii_m = rng.uniform(2 * SWING_RADIUS_M, 4 * SWING_RADIUS_M, len(ROBOTS))
 
     def state(self, time_s: float) -> FleetState:
         """Return the true state so long after the start, which is the paper's placement."""

@@ -36,7 +36,7 @@ from dg_localization.ros.bags.bag import BagError
 from dg_localization.ros.bags.samples import Errors, Gatherer, errors_of
 from dg_localization.ros.bags.truth import apart_text
 from dg_localization.ros.interface.links import ANY_OBSERVER
-from dg_localization.ros.interface.parameters.settings import parameters_of
+from dg_localization.ros.interface.parameters.table import fields_of
 
 Pair: TypeAlias = tuple[str, str]
 """Observer and target; an empty name stands for all."""
@@ -152,8 +152,9 @@ def _gathered(errors: Mapping[LinkKey, Errors], kind: LinkKind, per: str) -> dic
 
 def bounds_of(model: Any, prefix: str) -> dict[str, float]:
     """Return what is learned of a model by the names of the parameters; the rest stays stated."""
-    numbers = parameters_of(model, prefix)
-    return {name: x for name, x in numbers.items() if name not in NOT_LEARNED}
+    numbers = {name: getattr(model, field) for name, field in fields_of(model, prefix).items()}
+    learned = numbers.keys() - NOT_LEARNED
+    return {name: float(x) for name, x in numbers.items() if name in learned and x is not None}
 
 
 def fit(

@@ -32,7 +32,6 @@ from dg_localization.ros.executables import writing
 from dg_localization.ros.interface.diagnostics import Report, statuses
 from dg_localization.ros.interface.discovery import TopicFinder
 from dg_localization.ros.interface.intake import Intake
-from dg_localization.ros.interface.links import Link
 from dg_localization.ros.interface.outputs import (
     DIAGNOSTICS,
     DiagnosticsStream,
@@ -125,9 +124,16 @@ class Recording:
         finder = TopicFinder(settings.templates, settings.links, settings.fleet.points)
         found = finder.find(sorted((topic, list(kinds)) for topic, kinds in bag.types.items()))
         links = (*settings.links, *found)
-        wrong = {link: _wrong_with(link, bag.types) for link in (*links, *finder.wrong_types)}
-        notices = [text for text in wrong.values() if text]
-        topics = [link.topic for link in links if not wrong[link]]
+        present = [link for link in links if link.topic in bag.types]
+        topics = [link.topic for link in present if link not in finder.wrong_types]
+        notices = [
+            f'{link.topic} of the links is not in the bag' for link in links if link not in present
+        ]
+        notices += [
+            f'{link.topic} is passed over: {"the link" if link.explicit else "its name"} says '
+            f'{link.type_name}, the bag {" and ".join(bag.types[link.topic])}'
+            for link in finder.wrong_types
+        ]
         if not topics:
             names = ', '.join(f"'{template.text}'" for template in settings.templates) or 'none'
             points, topics_text = ', '.join(settings.fleet.points), ', '.join(sorted(bag.types))
@@ -157,18 +163,6 @@ class Recording:
     def damage(self) -> list[str]:
         """What is wrong with the bag; an input that is a truth, too, is read twice."""
         return list(dict.fromkeys((*self.reading.damage, *self._truth.damage)))
-
-
-def _wrong_with(link: Link, recorded: Mapping[str, Sequence[str]]) -> str:
-    """Return why a link cannot be read, empty when it can."""
-    kinds = recorded.get(link.topic)
-    if kinds is None:
-        return f'{link.topic} of the links is not in the bag'
-    if tuple(kinds) != (link.type_name,):
-        says = 'the link' if link.explicit else 'its name'
-        others = ' and '.join(kinds)
-        return f'{link.topic} is passed over: {says} says {link.type_name}, the bag {others}'
-    return ''
 
 
 class BagWriter:

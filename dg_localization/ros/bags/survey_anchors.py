@@ -20,7 +20,7 @@ import numpy as np
 
 from dg_localization.fleet import Anchor, Estimate, FleetConfig, Localizer, RangeErrorModel
 from dg_localization.fleet.config import ConfigError
-from dg_localization.ros.bags.truth import split_table
+from dg_localization.ros.bags.truth import read_columns
 from dg_localization.ros.executables import (
     EXIT_FAILED,
     UsageError,
@@ -36,17 +36,14 @@ NOW_S = 1.0
 
 def read_ranges(path: Path) -> list[tuple[str, str, float]]:
     """Read a table with the columns from, to and range, in m."""
-    try:
-        columns, rows = split_table(path.read_text(encoding='utf-8-sig'))
-        places = [columns.index(name) for name in ('from', 'to', 'range')]
-    except (OSError, UnicodeDecodeError, ValueError):
-        raise UsageError(f'{path} is no table with the columns from, to, range') from None
+    columns, rows = read_columns(path)
+    if not {'from', 'to', 'range'}.issubset(columns):
+        raise UsageError(f'{path} is no table with the columns from, to, range')
     found = []
-    for number, cells in rows:
+    for number, row in rows:
         try:
-            observer, target, text = (cells[place] for place in places)
-            found.append((observer, target, float(text)))
-        except (IndexError, ValueError) as error:
+            found.append((row['from'], row['to'], float(row['range'])))
+        except ValueError as error:
             raise UsageError(f'{path}, line {number}: {error}') from None
     return found
 

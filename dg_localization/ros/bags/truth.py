@@ -6,6 +6,7 @@
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import zip_longest
 import math
 from pathlib import Path
 from typing import Any
@@ -165,10 +166,7 @@ def read_table(path: Path, robots: Sequence[str], dimension: int, poses: Poses) 
         If the file is no such table; the message names the line.
 
     """
-    try:
-        columns, rows = split_table(path.read_text(encoding='utf-8-sig'))
-    except (OSError, UnicodeDecodeError) as error:
-        raise UsageError(f'{path} is no table in UTF-8: {error}') from None
+    columns, rows = read_columns(path)
     wanted = [name for name in COLUMNS if name != 'robot' or len(robots) > 1]
     wanted += ['z'] if dimension == 3 else []
     if not set(QUATERNION).isdisjoint(columns):
@@ -180,9 +178,8 @@ def read_table(path: Path, robots: Sequence[str], dimension: int, poses: Poses) 
             "(not in 'truth_{robot}.tum'), x, y, in space z; where known yaw or qx, qy, qz and qw"
         )
     found: Poses = {}
-    for number, cells in rows:
+    for number, row in rows:
         try:
-            row = {**dict.fromkeys(columns, ''), **dict(zip(columns, cells, strict=False))}
             name = row['robot'] if 'robot' in columns else robots[0]
             found.setdefault(name, []).append(_pose_of(row, dimension))
         except ValueError as error:
@@ -199,8 +196,12 @@ def read_table(path: Path, robots: Sequence[str], dimension: int, poses: Poses) 
     return [text] if unit else []
 
 
-def split_table(text: str) -> tuple[Sequence[str], list[tuple[int, list[str]]]]:
-    """Return the names of the columns, and the cells of each line with its number."""
+def read_columns(path: Path) -> tuple[Sequence[str], list[tuple[int, dict[str, str]]]]:
+    """Return the names of the columns of a table, and each line by these with its number."""
+    try:
+        text = path.read_text(encoding='utf-8-sig')
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(f'{path} is no table in UTF-8: {error}') from None
     lines = [(n, line.strip()) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
     plain = next((line for _, line in lines if line[0] != '#'), '')
     mark = next((mark for mark in ';\t,' if mark in plain), None)
@@ -219,8 +220,11 @@ def split_table(text: str) -> tuple[Sequence[str], list[tuple[int, list[str]]]]:
             is_named = line[0] != '#'
         elif line[0] != '#':
             rows.append((number, cells))
-    n_cells = len(rows[0][1]) if rows else 0
-    return (TUM if n_cells == len(TUM) and 'x' not in names else names), rows
+    if rows and len(rows[0][1]) == len(TUM) and 'x' not in names:
+        names = [*TUM]
+    return names, [
+        (n, dict(zip_longest(names, cells[: len(names)], fillvalue=''))) for n, cells in rows
+    ]
 
 
 def _pose_of(row: dict[str, str], dimension: int) -> tuple[float, Any, Any]:

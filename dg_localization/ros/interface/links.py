@@ -24,7 +24,7 @@ from dg_localization.fleet import (
     SensorBounds,
 )
 from dg_localization.fleet.rotations import quaternion_of_euler, rotation_of_quaternion
-from dg_localization.ros.interface.parameters.spec import WrongParameterError, refused
+from dg_localization.ros.interface.parameters.spec import refused
 from dg_localization.ros.interface.parameters.table import fields_of
 from msg_adapters import (
     BearingReading,
@@ -273,16 +273,15 @@ def links_from(values: Mapping[str, Any], resolve: Callable[[str], str]) -> tupl
                 )
         overrides = {**stated_offset(values, link.key.kind), **link.overrides}
         links.append(replace(link, topic=topic, overrides=overrides))
-    for topic, count in Counter(link.topic for link in links).items():
-        if count > 1:
-            raise WrongParameterError(
-                f"parameter 'links': topic '{topic}' is named twice, it can carry one link only"
-            )
-    for key, count in Counter(link.key for link in links).items():
-        if key.kind is LinkKind.ODOMETRY and count > 1:
-            # Steps from a pose of one to a pose of the other are no steps of the robot.
-            text = f"the odometry of '{key.observer}' is named {count} times, not once"
-            raise WrongParameterError(f"parameter 'links': {text}")
+    with refused("parameter 'links': "):
+        for topic, count in Counter(link.topic for link in links).items():
+            if count > 1:
+                raise ValueError(f"topic '{topic}' is named twice, it can carry one link only")
+        for key, count in Counter(link.key for link in links).items():
+            if key.kind is LinkKind.ODOMETRY and count > 1:
+                # Steps from a pose of one to a pose of the other are no steps of the robot.
+                text = f"the odometry of '{key.observer}' is named {count} times, not once"
+                raise ValueError(text)
     return tuple(links)
 
 
@@ -292,8 +291,9 @@ def check_links(links: Iterable[Link], fleet: FleetConfig) -> None:
         with refused(f"parameter 'links': the bounds of '{link.topic}' are not allowed: "):
             link.bounds_within(fleet.sensor_bounds)
         robot, other = map(fleet.robot_of, link.key.ends)
-        if robot == other:
-            raise WrongParameterError(
-                f"parameter 'links': {'->'.join(link.key.ends)} is not allowed, both are on robot "
-                f"'{robot}', it must join points of two robots or anchors"
-            )
+        with refused("parameter 'links': "):
+            if robot == other:
+                raise ValueError(
+                    f"{'->'.join(link.key.ends)} is not allowed, both are on robot '{robot}', it "
+                    'must join points of two robots or anchors'
+                )

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
-from rclpy.lifecycle import LifecycleNode
+from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from visualization_msgs.msg import MarkerArray
@@ -238,13 +238,13 @@ class Publishers:
 
     Parameters
     ----------
-    node : LifecycleNode
+    node : Node
         The node they belong to.
     outputs : iterable of Output
 
     """
 
-    def __init__(self, node: LifecycleNode, outputs: Iterable[Output]) -> None:
+    def __init__(self, node: Node, outputs: Iterable[Output]) -> None:
         self._node = node
         events = PublisherEventCallbacks(use_default_callbacks=False)
         self._publishers: dict[str, Publisher] = {

@@ -75,20 +75,17 @@ def unique_pose(
     numbers = placement.positions_m[robot], placement.enclosure_m[robot]
     if not all(np.isfinite(part).all() for part in numbers):
         return None
-    known = bool(placement.heading_known[robot])
-    matrix = _enclosing(placement, robot)
+    known, q = bool(placement.heading_known[robot]), placement.positions_m.shape[1]
+    matrix, floor = _enclosing(placement, robot), np.full(6, LEAST_VARIANCE)
     if least_deviation_m is not None and placement.covariances is not None:
-        estimated = np.array(placement.covariances[robot])
+        estimated = placement.covariances[robot]
         if np.isfinite(estimated).all():
-            coordinates = list(range(placement.positions_m.shape[1]))
-            variances = estimated.diagonal()[coordinates]
-            estimated[coordinates, coordinates] = np.maximum(variances, least_deviation_m**2)
-            matrix = estimated
-    turns = slice(5, 6) if placement.positions_m.shape[1] == 2 else slice(3, 6)
+            matrix, floor[:q] = np.array(estimated), max(LEAST_VARIANCE, least_deviation_m**2)
+    turns = slice(5, 6) if q == 2 else slice(3, 6)
     if not known:
         matrix[turns, :] = matrix[:, turns] = 0.0
         matrix[turns, turns] = UNKNOWN_VARIANCE_RAD2 * np.eye(len(matrix[turns]))
-    np.fill_diagonal(matrix, np.maximum(matrix.diagonal(), LEAST_VARIANCE))
+    np.fill_diagonal(matrix, np.maximum(matrix.diagonal(), floor))
     return UncertainPose(
         stamp_s=estimate.stamp_s,
         frame_id=frame_id,

@@ -22,12 +22,12 @@ from dg_localization.ros.interface.intake import shortened
 from dg_localization.ros.interface.outputs import transform_output
 from dg_localization.ros.interface.parameters.settings import (
     Settings,
-    changed_values,
+    check_values,
     declare_missing,
     settings_from,
-    without_fleet_changes,
 )
 from dg_localization.ros.interface.parameters.spec import WrongParameterError
+from dg_localization.ros.interface.parameters.table import takes_effect_at_once
 from msg_adapters import Level, Status
 
 N = TypeVar('N', bound=LifecycleNode)
@@ -121,13 +121,6 @@ class ManagedNode(LifecycleNode):
         self._made_to_activate.close()
         self._made_to_configure.close()
 
-    def _make_wake_up(self, callback: Callable[[], None]) -> Callable[[], None]:
-        """Return a function that has the executor's thread call `callback`."""
-        guard = self.create_guard_condition(callback)
-        self._made_to_configure.callback(self.destroy_guard_condition, guard)
-        wake_up: Callable[[], None] = guard.trigger
-        return wake_up
-
     def _bond_with_manager(self) -> None:
         if find_spec('bondpy') is None:
             self.get_logger().info('no bond without bondpy: Nav2 needs bond_timeout: 0.0')
@@ -160,7 +153,7 @@ class LiveParameters:
         self._apply = apply
         declared: dict[str, Any] = node.get_parameters_by_prefix('')
         given = {name: parameter.value for name, parameter in declared.items()}
-        self._wanted: dict[str, Any] = changed_values({}, given)
+        self._wanted = check_values(given, refuses_unknown=False)
         self._present = self._wanted
         self._is_declaring = False
         node.add_on_set_parameters_callback(self._check)
@@ -201,13 +194,15 @@ class LiveParameters:
         self, parameters: Sequence[Parameter]
     ) -> tuple[dict[str, Any], dict[str, Any], Settings]:
         """Return the wanted values, the present ones, and the settings of these."""
-        changes = {one.name: one.value for one in parameters if one.name in self._wanted}
-        if self._is_declaring:
-            changes = {}
-        wanted = changed_values(self._wanted, changes)
+        changes = {} if self._is_declaring else {one.name: one.value for one in parameters}
+        # Without those of names that are gone.
+        wanted = check_values({**self._wanted, **changes}, refuses_unknown=False)
         if settings_from(wanted, self._node.resolve_topic_name).publish_tf:
             transform_output()
-        present = without_fleet_changes(self._present, wanted)
+        present = {
+            name: wanted.get(name, value) if takes_effect_at_once(name) else value
+            for name, value in self._present.items()
+        }
         return wanted, present, settings_from(present, self._node.resolve_topic_name)
 
 

@@ -9,6 +9,7 @@ are taken on the executor's thread; the newest snapshot of them is answered on a
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future
 from contextlib import suppress
 from functools import partial
 import math
@@ -135,10 +136,11 @@ class LocalizerNode(ManagedNode):
             outputs.append(transform_output())
         self._outputs = Publishers(self, outputs)
         made.callback(self._outputs.destroy)
-        answer_ready = self._make_wake_up(self._on_answer)
+        answer_ready = self.create_guard_condition(self._on_answer)
+        made.callback(self.destroy_guard_condition, answer_ready)
         self._warm_up_began_s = time.monotonic()
-        is_warm = self._make_wake_up(self._on_warm)
-        self._worker = EstimateWorker(self._answer, answer_ready, self._load, is_warm)
+        self._worker = EstimateWorker(self._answer, answer_ready.trigger, self._load)
+        self._worker.warm_up.add_done_callback(self._on_warm)
         made.callback(self._worker.close)
         for warning in solver_warnings():
             self.get_logger().warning(warning)
@@ -234,10 +236,10 @@ class LocalizerNode(ManagedNode):
         how = self.settings.fixed_frame, self.settings.lifetime_s, self.settings.least_deviation_m
         return TimedEstimate(estimate, tuple(estimate_messages(estimate, *how)))
 
-    def _on_warm(self) -> None:
-        """Log how long the solver took to be ready."""
+    def _on_warm(self, warm_up: Future[Any]) -> None:
+        """Log how long the solver took to be ready; in the thread of the worker."""
         took_s = time.monotonic() - self._warm_up_began_s
-        error = self._worker.warm_up.exception()
+        error = warm_up.exception()
         if error is None:
             self.get_logger().info(f'the solver is ready after {took_s:.1f} s')
         else:

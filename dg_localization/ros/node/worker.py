@@ -39,8 +39,6 @@ class EstimateWorker(Generic[A]):
         after `cancel` or `close`.
     warm_up : callable, optional
         Called without arguments before the first estimate; `cancel` does not stop it.
-    warm : callable, optional
-        Called without arguments from the worker's thread when that is over; never after `close`.
 
     Attributes
     ----------
@@ -54,7 +52,6 @@ class EstimateWorker(Generic[A]):
         estimate: Callable[[Snapshot, Event], A],
         wake: Callable[[], None],
         warm_up: Callable[[], None] = lambda: None,
-        warm: Callable[[], None] = lambda: None,
     ) -> None:
         self._estimate = estimate
         self._wake = wake
@@ -62,11 +59,9 @@ class EstimateWorker(Generic[A]):
         self._began_s = 0.0
         self._wanted: Future[A] | None = None
         self._cancel = Event()
-        self._closed = Event()
         self._lock = Lock()
-        self.warm_up = self._pool.submit(warm_up)
-        self.warm_up.add_done_callback(lambda _: self._call_unless(self._closed, warm))
-        self._newest: Future[Any] = self.warm_up
+        self._newest: Future[Any] = self._pool.submit(warm_up)
+        self.warm_up = self._newest
 
     @property
     def busy(self) -> bool:
@@ -83,12 +78,12 @@ class EstimateWorker(Generic[A]):
         self._began_s = time.monotonic()
         cancel = self._cancel = Event()
         self._newest = self._wanted = self._pool.submit(self._estimate, snapshot, cancel)
-        self._wanted.add_done_callback(lambda _: self._call_unless(cancel, self._wake))
+        self._wanted.add_done_callback(lambda _: self._wake_unless(cancel))
 
-    def _call_unless(self, stopped: Event, function: Callable[[], None]) -> None:
+    def _wake_unless(self, cancel: Event) -> None:
         with self._lock:
-            if not stopped.is_set():
-                function()
+            if not cancel.is_set():
+                self._wake()
 
     def take(self) -> A | None:
         """Return the answer, once, or raise what the estimate raised; None when there is none."""
@@ -107,8 +102,6 @@ class EstimateWorker(Generic[A]):
     def close(self) -> None:
         """Cancel, and give the thread a moment to end; it may be compiling, which cannot stop."""
         self.cancel()
-        with self._lock:
-            self._closed.set()
         late = wait([self._newest], timeout=CLOSE_S).not_done
         self._pool.shutdown(wait=not late)
 

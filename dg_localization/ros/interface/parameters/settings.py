@@ -6,7 +6,6 @@
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import import_module
-import math
 import re
 from textwrap import wrap
 from typing import Any
@@ -41,7 +40,6 @@ from dg_localization.ros.interface.parameters.table import (
     TABLE,
     fields_of,
     named_specs,
-    takes_effect_at_once,
 )
 from dg_localization.ros.interface.poses import check_frame_id
 from dg_localization.solver.options import SolverOptions
@@ -51,6 +49,10 @@ LIFETIME_PERIODS = 3.0
 
 # How wide the comments in a file of parameters are.
 WIDTH = 98
+
+# By the parameter that lists them, what names look like.
+NAMES = {'robots': ANY_NAME, 'anchors.names': ANY_NAME, 'elevations.names': '.*'}
+NAMES |= {'mounts.names': f'{ANY_NAME}/{ANY_NAME}'}
 
 # By field of the fleet, what parameters with a prefix state together.
 MODELS: Mapping[str, tuple[type, str]] = {
@@ -124,27 +126,16 @@ def declare_missing(node: Node, values: Mapping[str, Any]) -> None:
     declare(node, {**TABLE, **dict(named_specs(values))}, values, read_only=False)
 
 
-def changed_values(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values after some are set, without those of names that are gone."""
-    wanted = {**values, **changes}
-    known = checked(TABLE, wanted)
-    named = [name for name, _ in named_specs(known)]
-    return check_values({name: wanted[name] for name in (*TABLE, *named) if name in wanted})
+def check_values(given: Mapping[str, Any], refuses_unknown: bool = True) -> dict[str, Any]:
+    """
+    Return all values, given or default; raise `WrongParameterError` for a wrong one.
 
-
-def without_fleet_changes(values: Mapping[str, Any], wanted: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the wanted values of what takes effect at once, and the present ones of the rest."""
-    return {
-        name: wanted.get(name, value) if takes_effect_at_once(name) else value
-        for name, value in values.items()
-    }
-
-
-def check_values(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return all values, given or default; raise `WrongParameterError` for a wrong one."""
+    Names are unknown where they are misspelled, or of a robot or another point that is not there.
+    """
     values = checked(TABLE, given)
     values |= checked(dict(named_specs(values)), given)
-    refuse_unknown(given, values, _suggestion)
+    if refuses_unknown:
+        refuse_unknown(given, values, _suggestion)
     return values
 
 
@@ -198,21 +189,18 @@ def _check_names(values: Mapping[str, Any]) -> None:
             "parameters: robots: [] is not allowed, it must name at least one, below '/**:' and "
             "'ros__parameters:' of the file"
         )
-    for parameter in ('anchors.names', 'mounts.names', 'elevations.names'):
-        for name in values[parameter]:
-            if values[parameter].count(name) > 1:
-                raise WrongParameterError(
-                    f"parameter '{parameter}': '{name}' is not allowed twice, name it once"
-                )
-    for parameter in ('robots', 'anchors.names', 'mounts.names'):
-        is_sensor = parameter == 'mounts.names'
-        for name in values[parameter]:
-            if not re.fullmatch(f'{ANY_NAME}/{ANY_NAME}' if is_sensor else ANY_NAME, name):
-                wanted = "it must read 'ROBOT/SENSOR', and " if is_sensor else ''
-                raise WrongParameterError(
-                    f"parameter '{parameter}': '{name}' is not allowed, {wanted}a name must begin "
-                    'with a letter and go on with letters, digits and underscores'
-                )
+    for parameter, form in NAMES.items():
+        with refused(f"parameter '{parameter}': "):
+            for name in values[parameter]:
+                # The fleet itself sees what becomes of two robots of one name.
+                if parameter != 'robots' and values[parameter].count(name) > 1:
+                    raise ValueError(f"'{name}' is not allowed twice, name it once")
+                if not re.fullmatch(form, name):
+                    wanted = "it must read 'ROBOT/SENSOR', and " if '/' in form else ''
+                    raise ValueError(
+                        f"'{name}' is not allowed, {wanted}a name must begin with a letter and go "
+                        'on with letters, digits and underscores'
+                    )
 
 
 def _import_adapters(modules: Iterable[str]) -> None:
@@ -307,12 +295,6 @@ def _odometry_errors(values: Mapping[str, Any]) -> Iterator[tuple[str, OdometryE
             for name in fields_of(OdometryErrorModel, 'odometry.')
         }
         yield robot, OdometryErrorModel(**_stated(OdometryErrorModel, own, 'odometry.'))
-
-
-def parameters_of(model: Any, prefix: str) -> dict[str, float]:
-    """Return the bounds that are stated, by the names of the parameters without their prefix."""
-    numbers = {name: getattr(model, field) for name, field in fields_of(model, prefix).items()}
-    return {name: float(x) for name, x in numbers.items() if x not in (None, math.inf)}
 
 
 def parameters_text(comments: Iterable[str], parameters: Mapping[str, Any]) -> str:
