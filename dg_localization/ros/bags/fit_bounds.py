@@ -109,11 +109,6 @@ MEASURED = {
     LinkKind.BEARING: (LinkKind.BEARING,),
     LinkKind.PEERS: (LinkKind.RANGE, LinkKind.BEARING),
 }
-# What it may state of them: all that can be learned.
-BOUNDS = {
-    kind: tuple(name for name in KINDS[kind].overrides if name != STAMP_OFFSET)
-    for kind in (LinkKind.RANGE, LinkKind.BEARING)
-}
 
 
 def as_yaml(fit: LearnedBounds, links: Sequence[Link], bag: str, fleet: FleetConfig) -> str:
@@ -142,7 +137,7 @@ def _link_text(fit: LearnedBounds, link: Link, fleet: FleetConfig) -> str:
         own[STAMP_OFFSET] = round(link.stamp_offset_s + fit.offsets_s[link.key], 4)
     if not (own or link.explicit):
         return ''
-    judged = {name for kind in kinds for name in BOUNDS[kind]}
+    judged = {name for kind in kinds for name in KINDS[kind].bounds}
     others = {name: value for name, value in link.overrides.items() if name not in judged}
     bounds = {**others, **own}
     words = [link.topic, link.type_name, link.key.observer, link.key.target]
@@ -158,7 +153,7 @@ def _bounds_of(
     fit: LearnedBounds, kind: LinkKind, link: Link, fleet: FleetConfig
 ) -> dict[str, float]:
     """Return the bounds that a link needs to be given, of its ranges or of its bearings."""
-    stated = {name: value for name, value in link.overrides.items() if name in BOUNDS[kind]}
+    stated = {name: value for name, value in link.overrides.items() if name in KINDS[kind].bounds}
     group = fit.group_of(kind, link.key.ends)
     if group is None:
         return stated
@@ -173,7 +168,7 @@ def _bounds_of(
 
 def _is_as_stated(fit: LearnedBounds, kind: LinkKind, link: Link) -> bool:
     """Return whether a link keeps bounds of its own: none of its readings speaks against them."""
-    states = not link.overrides.keys().isdisjoint(BOUNDS[kind])
+    states = not link.overrides.keys().isdisjoint(KINDS[kind].bounds)
     return states and not fit.is_judged(kind, link.key.ends)
 
 

@@ -85,10 +85,9 @@ class Template:
 
     def resolved(self, resolve: Callable[[str], str]) -> 'Template':
         """Return the template with the full name, by a function from topics to full names."""
-        text = resolve(self.text.format(**{name: _stand_in(name) for name in self.fields}))
-        for name in self.fields:
-            text = text.replace(_stand_in(name), f'{{{name}}}')
-        return replace(self, text=text)
+        # Braces are not allowed in the name of a topic.
+        text = resolve(re.sub(r'{(\w+)}', r'FIELD_\1_FIELD', self.text))
+        return replace(self, text=re.sub(r'FIELD_(\w+?)_FIELD', r'{\1}', text))
 
     def link_of(self, topic: str, points: Iterable[str]) -> Link | None:
         """
@@ -120,11 +119,6 @@ class Template:
             for literal, name, _, _ in Formatter().parse(self.text)
         ]
         return re.compile(''.join(parts))
-
-
-def _stand_in(field_name: str) -> str:
-    """Return a name that stands for a field where braces are not allowed."""
-    return f'FIELD_{field_name}_FIELD'
 
 
 def templates_from(

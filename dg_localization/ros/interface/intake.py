@@ -22,13 +22,7 @@ from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Range
 
-from dg_localization.fleet import (
-    InputState,
-    LinkKey,
-    Localizer,
-    Rejection,
-    RejectionReason,
-)
+from dg_localization.fleet import InputState, LinkKey, Localizer, Rejection, RejectionReason
 from dg_localization.fleet.admission import PeerMeasurement
 from dg_localization.ros.interface.identities import Cameras, Identities
 from dg_localization.ros.interface.links import Link

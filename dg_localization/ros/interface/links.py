@@ -4,7 +4,7 @@
 """Links: which topic carries whose measurement of whom."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 import math
 from typing import Any, NamedTuple
@@ -27,14 +27,10 @@ from dg_localization.fleet.rotations import quaternion_of_euler, rotation_of_qua
 from dg_localization.ros.interface.parameters.spec import refused
 from dg_localization.ros.interface.parameters.table import fields_of
 from msg_adapters import (
-    BearingReading,
     CameraReading,
-    ElevationReading,
     IdentifiedReading,
-    OdometryReading,
     PeersReading,
     PixelReading,
-    RangeReading,
     UnknownTypeError,
     adapter_for,
     known_types,
@@ -72,48 +68,38 @@ STAMP_OFFSET = 'stamp_offset'
 
 class InputKind(NamedTuple):
     """
-    A kind of input: its readings, its topics, and what its links may override.
+    A kind of input: the type of its topics, where there is a template of these, and what is said.
 
-    `fields` stand in braces in a template, `template_type` is the type of its topics.
+    `fields` stand in braces in a template. Links may state `bounds` of their own.
     """
 
-    readings: tuple[type, ...]
+    template_type: str
     fields: tuple[str, ...]
-    overrides: tuple[str, ...]
-    template_type: str = ''
+    bounds: Collection[str] = ()
+
+    @property
+    def overrides(self) -> tuple[str, ...]:
+        """What a link may state of its own."""
+        return (*self.bounds, STAMP_OFFSET) if self.template_type else ()
 
 
+ENDS, OBSERVER = ('observer', 'target'), ('observer',)
+OF_PEERS = (*RANGE_BOUNDS, 'half_width', *DIFFERENCE_FIELDS, *TURNS)
 KINDS = {
-    LinkKind.RANGE: InputKind(
-        (RangeReading,),
-        ('observer', 'target'),
-        (*RANGE_FIELDS, STAMP_OFFSET),
-        'sensor_msgs/msg/Range',
-    ),
-    LinkKind.BEARING: InputKind(
-        (BearingReading,),
-        ('observer', 'target'),
-        (*BEARING_FIELDS, STAMP_OFFSET),
-        'geometry_msgs/msg/Vector3Stamped',
-    ),
-    LinkKind.ODOMETRY: InputKind(
-        (OdometryReading,), ('robot',), (STAMP_OFFSET,), 'nav_msgs/msg/Odometry'
-    ),
-    LinkKind.PEERS: InputKind(
-        (PeersReading, IdentifiedReading, PixelReading),
-        ('observer',),
-        (*RANGE_BOUNDS, 'half_width', *DIFFERENCE_FIELDS, *TURNS, STAMP_OFFSET),
-        'sensor_msgs/msg/PointCloud2',
-    ),
-    LinkKind.ELEVATION: InputKind(
-        (ElevationReading,),
-        ('observer',),
-        (*ELEVATION_FIELDS, STAMP_OFFSET),
-        'geometry_msgs/msg/PointStamped',
-    ),
-    LinkKind.CAMERA: InputKind((CameraReading,), ('observer',), ()),
+    LinkKind.RANGE: InputKind('sensor_msgs/msg/Range', ENDS, RANGE_FIELDS),
+    LinkKind.BEARING: InputKind('geometry_msgs/msg/Vector3Stamped', ENDS, BEARING_FIELDS),
+    LinkKind.ODOMETRY: InputKind('nav_msgs/msg/Odometry', ('robot',)),
+    LinkKind.PEERS: InputKind('sensor_msgs/msg/PointCloud2', OBSERVER, OF_PEERS),
+    LinkKind.ELEVATION: InputKind('geometry_msgs/msg/PointStamped', OBSERVER, ELEVATION_FIELDS),
+    LinkKind.CAMERA: InputKind('', OBSERVER),
 }
-KIND_OF_VALUE = {value: kind for kind, one in KINDS.items() for value in one.readings}
+KIND_OF_VALUE: dict[type, LinkKind] = {
+    adapter_for(one.template_type).value_class: kind
+    for kind, one in KINDS.items()
+    if one.template_type
+}
+KIND_OF_VALUE |= {IdentifiedReading: LinkKind.PEERS, PixelReading: LinkKind.PEERS}
+KIND_OF_VALUE[CameraReading] = LinkKind.CAMERA
 
 
 @dataclass(frozen=True)

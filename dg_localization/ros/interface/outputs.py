@@ -9,7 +9,7 @@ from dataclasses import replace
 from itertools import combinations, product
 import re
 import time
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
@@ -25,12 +25,7 @@ from visualization_msgs.msg import MarkerArray
 from dg_localization.fleet import Estimate, LinkState, Placement
 from dg_localization.fleet.rotations import rotation_of_quaternion
 from dg_localization.ros.interface.parameters.spec import WrongParameterError
-from dg_localization.ros.interface.poses import (
-    feasible_poses,
-    frame_id,
-    in_space,
-    unique_pose,
-)
+from dg_localization.ros.interface.poses import feasible_poses, frame_id, in_space, unique_pose
 from msg_adapters import Diagnostics, Marker, MarkerScene, Shape
 from msg_adapters.diagnostics import diagnostics_to_cdr
 from msg_adapters.headers import message_class
@@ -232,7 +227,7 @@ def _names(estimate: Estimate) -> Iterator[Marker]:
 
 class Publishers:
     """
-    The publishers of a node on some topics, which take serialized messages.
+    The publishers of a node on some topics, which take messages, serialized or not.
 
     They have no events: an executor looks at each of them at every wake-up.
 
@@ -252,8 +247,8 @@ class Publishers:
             for name, message_class, qos in outputs
         }
 
-    def publish(self, messages: Iterable[tuple[str, bytes]]) -> None:
-        """Publish serialized messages, each with the name of its topic."""
+    def publish(self, messages: Iterable[tuple[str, Any]]) -> None:
+        """Publish messages, each with the name of its topic."""
         for name, message in messages:
             self._publishers[name].publish(message)
 

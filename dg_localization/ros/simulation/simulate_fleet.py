@@ -16,7 +16,7 @@ and, at `odometry_rate` and when `odometry` is true, `{robot}/odom` (nav_msgs/Od
 drifts within the bounds given.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from geometry_msgs.msg import PoseArray
@@ -25,7 +25,7 @@ from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 
 from dg_localization.fleet.rotations import quaternion_of_yaw
-from dg_localization.ros.interface.outputs import LATCHED
+from dg_localization.ros.interface.outputs import LATCHED, Output, Publishers
 from dg_localization.ros.interface.parameters.spec import (
     Spec,
     WrongParameterError,
@@ -48,6 +48,7 @@ from msg_adapters.readings import (
     range_to_message,
 )
 
+TRUTH = '~/ground_truth'
 MIN_RANGE_M = 0.1
 NO_RAY = (np.nan, np.nan, np.nan)
 
@@ -173,15 +174,12 @@ class FleetSimulator(Node):
         declare(self, PARAMETERS, values)
         self._fleet = SimulatedFleet(values)
         self._start_s = self._stamp_s = self._now_s()
-        first = [
+        messages = [
             *self._fleet.measurements(0.0, self._start_s),
             *self._fleet.odometry_messages(0.0, self._start_s),
         ]
-        self._measurement_publishers = {
-            topic: self.create_publisher(type(message), topic, qos_profile_sensor_data)
-            for topic, message in first
-        }
-        self._truth_publisher = self.create_publisher(PoseArray, '~/ground_truth', LATCHED)
+        outputs = [Output(topic, type(one), qos_profile_sensor_data) for topic, one in messages]
+        self._outputs = Publishers(self, [*outputs, Output(TRUTH, PoseArray, LATCHED)])
         # Timers of the clock of a machine are silent where it is set back.
         is_simulated = self.get_parameter('use_sim_time').value
         clock = None if is_simulated else STEADY
@@ -189,8 +187,7 @@ class FleetSimulator(Node):
         if values['odometry']:
             period_s = 1.0 / values['odometry_rate']
             self.create_timer(period_s, self.publish_odometry, clock=clock)
-        n_topics = len(self._measurement_publishers)
-        self.get_logger().info(f'{n_topics} measurement topics at {values["rate"]:g} Hz')
+        self.get_logger().info(f'{len(outputs)} measurement topics at {values["rate"]:g} Hz')
 
     def _now_s(self) -> float:
         return self.get_clock().now().nanoseconds * 1e-9
@@ -205,16 +202,12 @@ class FleetSimulator(Node):
     def publish_measurements(self) -> None:
         """Publish one reading of every sensor, and the truth, at the present time."""
         times_s = self._times_s()
-        self._publish(self._fleet.measurements(*times_s))
-        self._truth_publisher.publish(self._fleet.ground_truth(*times_s))
+        self._outputs.publish(self._fleet.measurements(*times_s))
+        self._outputs.publish([(TRUTH, self._fleet.ground_truth(*times_s))])
 
     def publish_odometry(self) -> None:
         """Publish one sample of the odometry of every robot, at the present time."""
-        self._publish(self._fleet.odometry_messages(*self._times_s()))
-
-    def _publish(self, messages: Iterable[tuple[str, Any]]) -> None:
-        for topic, message in messages:
-            self._measurement_publishers[topic].publish(message)
+        self._outputs.publish(self._fleet.odometry_messages(*self._times_s()))
 
 
 def main(args: Sequence[str]) -> int:

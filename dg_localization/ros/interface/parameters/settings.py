@@ -35,12 +35,7 @@ from dg_localization.ros.interface.parameters.spec import (
     refuse_unknown,
     refused,
 )
-from dg_localization.ros.interface.parameters.table import (
-    POINTS,
-    TABLE,
-    fields_of,
-    named_specs,
-)
+from dg_localization.ros.interface.parameters.table import POINTS, TABLE, fields_of, named_specs
 from dg_localization.ros.interface.poses import check_frame_id
 from dg_localization.solver.options import SolverOptions
 

@@ -122,23 +122,17 @@ class Spec:
 
         An integer is accepted as a number and `[]`, which arrives as None, as an empty list.
         """
-        items = self._items(value)
-        if (self.list_of or type(self.default)) is float and items is not None:
+        kind, items = self.list_of or type(self.default), [value]
+        if self.list_of:
+            is_list = isinstance(value, Iterable) and not isinstance(value, str | bytes)
+            items = [] if value is None else list(value) if is_list else [None]
+        if kind is float:
             items = [float(item) if type(item) is int else item for item in items]
-        if items is None or not all(map(self._fits, items)):
+        if not all(map(self._fits, items)):
             raise WrongParameterError(
                 f"parameter '{name}': {value!r} is not allowed, it must be {self.allowed()}"
             )
         return items if self.list_of else items[0]
-
-    def _items(self, value: Any) -> list[Any] | None:
-        """Return the values of a list, or the only one; None for what is no list and must be."""
-        if self.list_of is None:
-            return [value]
-        if value is None:
-            return []
-        is_list = isinstance(value, Iterable) and not isinstance(value, str | bytes)
-        return list(value) if is_list else None
 
     def _fits(self, item: Any) -> bool:
         kind: Any = self.list_of or type(self.default)
