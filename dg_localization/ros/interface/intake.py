@@ -170,36 +170,20 @@ class Intake:
 
     def _add(self, link: Link, reading: Any, stamp_s: float, now_s: float) -> Rejection | None:
         """Give a reading to the localizer, or keep the matrix of a camera."""
-        localizer, key = self._localizer, link.key
+        localizer, key, when = self._localizer, link.key, (stamp_s, now_s)
         bounds = self._bounds_of(link, localizer.config.sensor_bounds)
         match reading:
             case RangeReading():
-                return localizer.add_range(
-                    *key.ends,
-                    reading.range_m,
-                    stamp_s,
-                    now_s,
-                    min_range_m=reading.min_range_m,
-                    max_range_m=reading.max_range_m,
-                    variance_m2=reading.variance_m2,
-                    bounds=bounds,
-                )
+                told = reading.min_range_m, reading.max_range_m, reading.variance_m2
+                return localizer.add_range(*key.ends, reading.range_m, *when, *told, bounds)
             case BearingReading():
-                return localizer.add_bearing(*key.ends, reading.ray_xyz, stamp_s, now_s, bounds)
+                return localizer.add_bearing(*key.ends, reading.ray_xyz, *when, bounds)
             case ElevationReading():
-                return localizer.add_elevation(
-                    key.observer, reading.elevation_m, stamp_s, now_s, bounds
-                )
+                return localizer.add_elevation(key.observer, reading.elevation_m, *when, bounds)
             case OdometryReading():
                 self.bodies[key.observer] = usable_frame_id(str(reading.child_frame_id))
-                return localizer.add_odometry(
-                    key.observer,
-                    reading.position_xyz,
-                    reading.orientation_xyzw,
-                    stamp_s,
-                    now_s,
-                    frame=usable_frame_id(reading.frame_id),
-                )
+                pose, frame = (reading.position_xyz, reading.orientation_xyzw), reading.frame_id
+                return localizer.add_odometry(key.observer, *pose, *when, usable_frame_id(frame))
             case CameraReading():
                 self._cameras.keep(link, reading, now_s)
                 return None
@@ -211,7 +195,7 @@ class Intake:
         # All rows before the first: a message that cannot be read must not be taken in part.
         readings = list(self._differences(reading)) if isinstance(reading, PeersReading) else []
         readings += _named_readings(names, reading.ranges_m[kept], rays_xyz, bool(readings))
-        rejections = localizer.add_peers(observer, readings, stamp_s, now_s, bounds)
+        rejections = localizer.add_peers(observer, readings, *when, bounds)
         return next(iter(rejections), None)
 
     def _targets(
