@@ -27,9 +27,9 @@ from dg_localization.fleet import solver_warnings, warm_up
 from dg_localization.ros.bags.bag import NS_PER_S, Bag, BagError, in_seconds, open_bag
 from dg_localization.ros.bags.offline import (
     BagLocalizer,
+    BagWriter,
     Recording,
     Task,
-    new_bag,
     read_task,
     timeline,
 )
@@ -94,7 +94,7 @@ class BagRun:
         """Localize, write the answers, and return the report."""
         span_ns, gaps_ns = self._span_ns(), list[tuple[int, int]]()
         settings, recording = self.task.settings, self.recording
-        with new_bag(self.options.output) as writer:
+        with BagWriter(self.options.output) as writer:
             localizer = BagLocalizer(self.task, recording, writer)
             events = timeline(recording.messages(), span_ns, settings.rate_hz, gaps_ns)
             for time_ns, message in events:

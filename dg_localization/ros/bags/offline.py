@@ -15,7 +15,7 @@ import math
 import os
 from pathlib import Path
 import shutil
-from typing import Any
+from typing import Any, Self
 
 import rclpy
 from rclpy.context import Context
@@ -166,16 +166,34 @@ class Recording:
 
 
 class BagWriter:
-    """Writes serialized messages with an open writer of rosbags; `new_bag` makes one."""
+    """Writes serialized messages into a new bag; whatever ends the block, they are kept."""
 
-    def __init__(self, writer: Any, path: Path) -> None:
+    def __init__(self, path: Path) -> None:
+        from rosbags.rosbag2 import StoragePlugin, Writer
         from rosbags.typesys import Stores, get_typestore
 
-        self.is_empty = True
-        self._writer = writer
-        self._path = path
+        # Version 9 is Jazzy's.
+        self._writer: Any = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
+        self._path, self._is_empty = path, True
         self._types = get_typestore(Stores.ROS2_JAZZY)
         self._connections: dict[str, Any] = {}
+
+    def __enter__(self) -> Self:
+        with writing(self._path):
+            self._writer.open()
+        return self
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        if kind is None:
+            with writing(self._path):
+                self._writer.close()
+        elif self._is_empty:
+            self._writer.abort()
+            shutil.rmtree(self._path, ignore_errors=True)
+        else:
+            # On a full disk the end cannot be written either; what is there is left as it is.
+            with suppress(OSError):
+                self._writer.close()
 
     def add_output(self, topic: str, message_class: type, profile: QoSProfile) -> None:
         """Add a topic, offered with `profile` when the bag is played."""
@@ -191,50 +209,19 @@ class BagWriter:
         """Write a serialized message on a topic that was added."""
         with writing(self._path):
             self._writer.write(self._connections[topic], time_ns, data)
-        self.is_empty = False
-
-
-@contextmanager
-def new_bag(path: Path) -> Iterator[BagWriter]:
-    """Make a bag; whatever ends the block, the answers that were written are kept."""
-    from rosbags.rosbag2 import StoragePlugin, Writer
-
-    # Version 9 is Jazzy's.
-    writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
-    with writing(path):
-        writer.open()
-    bag_writer = BagWriter(writer, path)
-    try:
-        yield bag_writer
-    except BaseException:
-        if bag_writer.is_empty:
-            writer.abort()
-            shutil.rmtree(path, ignore_errors=True)
-        else:
-            # On a full disk the end cannot be written either; what is there is left as it is.
-            with suppress(OSError):
-                writer.close()
-        raise
-    with writing(path):
-        writer.close()
+        self._is_empty = False
 
 
 def _recorded_qos(profile: QoSProfile) -> Any:
     """Return a profile as a bag keeps it."""
     from rosbags import interfaces
 
-    forever = interfaces.QosTime(*FOREVER)
-    return interfaces.Qos(
-        history=interfaces.QosHistory.KEEP_LAST,
-        depth=profile.depth,
-        reliability=interfaces.QosReliability[profile.reliability.name],
-        durability=interfaces.QosDurability[profile.durability.name],
-        deadline=forever,
-        lifespan=forever,
-        liveliness=interfaces.QosLiveliness.AUTOMATIC,
-        liveliness_lease_duration=forever,
-        avoid_ros_namespace_conventions=False,
-    )
+    kept = interfaces.QosHistory.KEEP_LAST, profile.depth
+    reliability = interfaces.QosReliability[profile.reliability.name]
+    durability = interfaces.QosDurability[profile.durability.name]
+    forever, alive = interfaces.QosTime(*FOREVER), interfaces.QosLiveliness.AUTOMATIC
+    how = *kept, reliability, durability
+    return interfaces.Qos(*how, forever, forever, alive, forever, False)
 
 
 class BagLocalizer:
