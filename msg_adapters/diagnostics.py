@@ -77,14 +77,13 @@ def diagnostics_from_message(message: Any) -> Diagnostics:
 
 def diagnostics_to_cdr(diagnostics: Diagnostics) -> bytes:
     """Write a serialized `diagnostic_msgs/DiagnosticArray`."""
-    writer = CdrWriter(diagnostics.stamp_s)
-    writer.uint32(len(diagnostics.statuses))
+    writer = CdrWriter()
+    writer.write('hI', (diagnostics.stamp_s, ''), len(diagnostics.statuses))
     for status in diagnostics.statuses:
-        writer.uint8(status.level)
-        writer.string(status.name, status.message, status.hardware_id)
-        writer.uint32(len(status.values))
-        for key, value in status.values.items():
-            writer.string(key, value)
+        texts = status.name, status.message, status.hardware_id
+        writer.write('BsssI', status.level, *texts, len(status.values))
+        for entry in status.values.items():
+            writer.write('ss', *entry)
     return writer.to_bytes()
 
 

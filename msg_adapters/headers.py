@@ -15,7 +15,7 @@ import struct
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 _NS_PER_S = 1_000_000_000
 # The identifier of plain CDR in little endian; positions are counted after it.
@@ -23,60 +23,50 @@ ENCAPSULATION = b'\x00\x01\x00\x00'
 
 
 class CdrWriter:
-    """Writes the fields of a message one after the other, each at its alignment."""
+    """
+    Writes the fields of a message one after the other, each at its alignment.
 
-    def __init__(self, stamp_s: float | None = None, frame_id: str = '') -> None:
-        """Begin with a header where there is a stamp."""
+    The kinds of fields are `B` a byte or a bool, `i` and `I` 32 bits, `s` a string, `f` and `d` an
+    array of numbers, whose length is a field of its own before if it is a sequence, `b` bytes, and
+    `h` a `std_msgs/Header` of a stamp in s and a frame.
+    """
+
+    def __init__(self) -> None:
         self._data = bytearray(ENCAPSULATION)
-        if stamp_s is not None:
-            self.header(stamp_s, frame_id)
 
     def to_bytes(self) -> bytes:
         """Return what was written."""
         return bytes(self._data)
 
-    def header(self, stamp_s: float, frame_id: str) -> None:
-        """Write a `std_msgs/Header`; raise ValueError if its stamp (s) is not finite."""
-        self.time('stamp', stamp_s)
-        self.string(frame_id)
-
-    def time(self, name: str, time_s: float) -> None:
-        """Write a `builtin_interfaces/Time` or `Duration`; `name` is for the error."""
-        sec, nanosec = split_time(name, time_s)
-        self.int32(sec)
-        self.uint32(nanosec)
-
     def _align(self, size: int) -> None:
         self._data += bytes((len(ENCAPSULATION) - len(self._data)) % size)
 
-    def uint8(self, value: int) -> None:
-        """Write a byte, or a bool."""
-        self._data.append(value)
+    def write(self, kinds: str, *values: Any) -> None:
+        """Write a value of each kind; raise ValueError if a stamp is not finite."""
+        for kind, value in zip(kinds, values, strict=True):
+            if kind == 'h':
+                stamp_s, frame_id = value
+                self.write('iIs', *split_time('stamp', stamp_s), frame_id)
+            elif kind == 's':
+                data = value.encode() + b'\0'
+                self.write('Ib', len(data), data)
+            elif kind == 'b':
+                self._data += value
+            elif kind in 'fd':
+                array = np.asarray(value, dtype=f'<{kind}')
+                if array.size:
+                    self._align(array.itemsize)
+                    self._data += array.tobytes()
+            else:
+                self._align(struct.calcsize(kind))
+                self._data += struct.pack(f'<{kind}', value)
 
-    def int32(self, value: int) -> None:
-        """Write an int32."""
-        self._align(4)
-        self._data += struct.pack('<i', value)
 
-    def uint32(self, *values: int) -> None:
-        """Write each as a uint32, such as the length of a sequence."""
-        self._align(4)
-        self._data += struct.pack(f'<{len(values)}I', *values)
-
-    def string(self, *texts: str) -> None:
-        """Write strings."""
-        for text in texts:
-            data = text.encode() + b'\0'
-            self.uint32(len(data))
-            self._data += data
-
-    def numbers(self, *parts: ArrayLike, kind: str = '<f8') -> None:
-        """Write arrays of numbers one after the other; a sequence needs its length before."""
-        for part in parts:
-            values = np.asarray(part, dtype=kind)
-            if values.size:
-                self._align(values.itemsize)
-                self._data += values.tobytes()
+def to_cdr(kinds: str, *values: Any) -> bytes:
+    """Return the bytes of a message whose fields are of these kinds."""
+    writer = CdrWriter()
+    writer.write(kinds, *values)
+    return writer.to_bytes()
 
 
 def message_class(type_name: str) -> Any:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_adapters.headers import CdrWriter, stamp_from_message, xyz_from_message
+from msg_adapters.headers import CdrWriter, split_time, stamp_from_message, xyz_from_message
 from msg_adapters.registry import register_cdr
 
 TYPE_NAME = 'visualization_msgs/msg/MarkerArray'
@@ -95,7 +95,7 @@ def marker_scene_to_cdr(scene: MarkerScene) -> bytes:
 
     """
     writer = CdrWriter()
-    writer.uint32(1 + len(scene.markers))
+    writer.write('I', 1 + len(scene.markers))
     nothing = Marker('', 0, Shape.NONE, np.zeros((0, 3)), np.zeros((0, 4)), 0.0)
     _write_marker(writer, nothing, scene, DELETE_ALL, 0.0)
     for marker in scene.markers:
@@ -111,27 +111,20 @@ def _write_marker(
             f'marker {marker.namespace}/{marker.identifier} needs a color for each point'
         )
     is_text = marker.shape is Shape.TEXT
-    writer.header(scene.stamp_s, scene.frame_id)
-    writer.string(marker.namespace)
-    for number in (marker.identifier, marker.shape, action):
-        writer.int32(number)
-    writer.numbers(marker.points_m[0] if is_text else np.zeros(3))
-    writer.numbers([0.0, 0.0, 0.0, 1.0], np.full(3, marker.size_m))  # orientation, scale
-    writer.numbers(marker.colors_rgba[0] if is_text else np.zeros(4), kind='<f4')
-    writer.time('lifetime', lifetime_s)
-    writer.uint8(False)  # frame_locked
+    header, identity = (scene.stamp_s, scene.frame_id), (marker.namespace, marker.identifier)
+    writer.write('hsiii', header, *identity, marker.shape, action)
+    # The pose and the size, and the color of a text.
+    writer.write('d', marker.points_m[0] if is_text else np.zeros(3))
+    writer.write('dd', [0.0, 0.0, 0.0, 1.0], np.full(3, marker.size_m))
+    writer.write('f', marker.colors_rgba[0] if is_text else np.zeros(4))
     n_points = 0 if is_text else len(marker.points_m)
-    writer.uint32(n_points)
-    writer.numbers(marker.points_m[:n_points])
-    writer.uint32(n_points)
-    writer.numbers(marker.colors_rgba[:n_points], kind='<f4')
-    writer.string('')  # texture_resource
-    writer.header(0.0, '')  # texture: header, format, data
-    writer.string('')
-    writer.uint32(0, 0)  # the end of the texture, and uv_coordinates
-    writer.string(marker.text, '', '')  # text, mesh_resource, mesh_file: name, data
-    writer.uint32(0)
-    writer.uint8(False)  # mesh_use_embedded_materials
+    # The third is frame_locked.
+    writer.write('iIBI', *split_time('lifetime', lifetime_s), False, n_points)
+    writer.write('dIf', marker.points_m[:n_points], n_points, marker.colors_rgba[:n_points])
+    # No texture: its resource, header, format and data; and no uv_coordinates.
+    writer.write('shsII', '', (0.0, ''), '', 0, 0)
+    # No mesh: its resource, its file by name and data, and whether it has materials.
+    writer.write('sssIB', marker.text, '', '', 0, False)
 
 
 def marker_scene_from_message(message: Any) -> MarkerScene:

@@ -163,21 +163,18 @@ def peers_to_cdr(reading: PeersReading) -> bytes:
         columns |= {'reference': reading.references, 'range_difference': reading.differences_m}
     types = {name: UINT32 if COLUMNS[name] is INTEGERS else FLOAT64 for name in columns}
     table = np.empty(len(reading.peers), [(name, kind) for name, (_, kind) in types.items()])
-    writer = CdrWriter(reading.stamp_s, reading.frame_id)
-    writer.uint32(1, len(table), len(columns))
+    writer = CdrWriter()
+    header = reading.stamp_s, reading.frame_id
+    writer.write('hIII', header, 1, len(table), len(columns))
     offset, is_dense = 0, True
     for name, (datatype, kind) in types.items():
         table[name] = columns[name]
         is_dense &= bool(np.isfinite(columns[name]).all())
-        writer.string(name)
-        writer.uint32(offset)
-        writer.uint8(datatype)
-        writer.uint32(1)  # count
+        writer.write('sIBI', name, offset, datatype, 1)  # the last is its count
         offset += np.dtype(kind).itemsize
-    writer.uint8(False)  # is_bigendian
-    writer.uint32(offset, table.nbytes, table.nbytes)
-    writer.numbers(table.view(np.uint8), kind='u1')
-    writer.uint8(is_dense)
+    # The first is is_bigendian.
+    sizes = offset, table.nbytes, table.nbytes
+    writer.write('BIIIbB', False, *sizes, table.tobytes(), is_dense)
     return writer.to_bytes()
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_adapters.headers import CdrWriter, header_of, xyz_from_message, xyzw_from_message
+from msg_adapters.headers import CdrWriter, header_of, to_cdr, xyz_from_message, xyzw_from_message
 from msg_adapters.registry import register_cdr
 
 POSE_ARRAY = 'geometry_msgs/msg/PoseArray'
@@ -96,10 +96,7 @@ def pose_array_to_cdr(poses: PoseList) -> bytes:
 
     """
     rows = np.concatenate([poses.positions_m, poses.orientations_xyzw], axis=1)
-    writer = CdrWriter(poses.stamp_s, poses.frame_id)
-    writer.uint32(len(rows))
-    writer.numbers(rows)
-    return writer.to_bytes()
+    return to_cdr('hId', (poses.stamp_s, poses.frame_id), len(rows), rows)
 
 
 def uncertain_pose_to_cdr(estimate: UncertainPose) -> bytes:
@@ -114,9 +111,8 @@ def uncertain_pose_to_cdr(estimate: UncertainPose) -> bytes:
     """
     if np.shape(estimate.covariance) != (6, 6):
         raise ValueError(f'covariance has shape {np.shape(estimate.covariance)}, not (6, 6)')
-    writer = CdrWriter(estimate.stamp_s, estimate.frame_id)
-    writer.numbers(estimate.position_xyz, estimate.orientation_xyzw, estimate.covariance)
-    return writer.to_bytes()
+    pose = estimate.position_xyz, estimate.orientation_xyzw
+    return to_cdr('hddd', (estimate.stamp_s, estimate.frame_id), *pose, estimate.covariance)
 
 
 def uncertain_pose_from_message(message: Any) -> UncertainPose:
@@ -158,11 +154,10 @@ class Transform:
 def transforms_to_cdr(transforms: Sequence[Transform]) -> bytes:
     """Write a serialized `tf2_msgs/TFMessage`."""
     writer = CdrWriter()
-    writer.uint32(len(transforms))
+    writer.write('I', len(transforms))
     for transform in transforms:
-        writer.header(transform.stamp_s, transform.frame_id)
-        writer.string(transform.child_frame_id)
-        writer.numbers(transform.translation_m, transform.rotation_xyzw)
+        header, place = (transform.stamp_s, transform.frame_id), transform.translation_m
+        writer.write('hsdd', header, transform.child_frame_id, place, transform.rotation_xyzw)
     return writer.to_bytes()
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_adapters.headers import CdrWriter, header_of, xyz_from_message, xyzw_from_message
+from msg_adapters.headers import header_of, to_cdr, xyz_from_message, xyzw_from_message
 from msg_adapters.registry import register_cdr
 
 RANGE = 'sensor_msgs/msg/Range'
@@ -86,11 +86,9 @@ def range_to_cdr(reading: RangeReading) -> bytes:
     `radiation_type` stays at its default: the message has no value for radio.
     The fields are 32 bit floats, so a range of 8 m is rounded to 0.5 micrometers.
     """
-    writer = CdrWriter(reading.stamp_s, reading.frame_id)
-    writer.uint8(0)  # radiation_type
     limits_m = reading.min_range_m or 0.0, reading.max_range_m or 0.0
-    writer.numbers([0.0, *limits_m, reading.range_m, reading.variance_m2 or 0.0], kind='<f4')
-    return writer.to_bytes()
+    numbers = 0.0, *limits_m, reading.range_m, reading.variance_m2 or 0.0
+    return to_cdr('hBf', (reading.stamp_s, reading.frame_id), 0, numbers)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,9 +122,7 @@ def bearing_from_message(message: Any) -> BearingReading:
 
 def bearing_to_cdr(reading: BearingReading) -> bytes:
     """Write a serialized `geometry_msgs/Vector3Stamped`."""
-    writer = CdrWriter(reading.stamp_s, reading.frame_id)
-    writer.numbers(reading.ray_xyz)
-    return writer.to_bytes()
+    return to_cdr('hd', (reading.stamp_s, reading.frame_id), reading.ray_xyz)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,10 +163,9 @@ def odometry_from_message(message: Any) -> OdometryReading:
 
 def odometry_to_cdr(reading: OdometryReading) -> bytes:
     """Write a serialized `nav_msgs/Odometry` with zero twist and zero covariances."""
-    writer = CdrWriter(reading.stamp_s, reading.frame_id)
-    writer.string(reading.child_frame_id)
-    writer.numbers(reading.position_xyz, reading.orientation_xyzw, np.zeros(36 + 6 + 36))
-    return writer.to_bytes()
+    header, rest = (reading.stamp_s, reading.frame_id), np.zeros(36 + 6 + 36)
+    pose = reading.position_xyz, reading.orientation_xyzw
+    return to_cdr('hsddd', header, reading.child_frame_id, *pose, rest)
 
 
 @dataclass(frozen=True)
@@ -204,9 +199,7 @@ def elevation_from_message(message: Any) -> ElevationReading:
 
 def elevation_to_cdr(reading: ElevationReading) -> bytes:
     """Write a serialized `geometry_msgs/PointStamped`."""
-    writer = CdrWriter(reading.stamp_s, reading.frame_id)
-    writer.numbers([0.0, 0.0, reading.elevation_m])
-    return writer.to_bytes()
+    return to_cdr('hd', (reading.stamp_s, reading.frame_id), [0.0, 0.0, reading.elevation_m])
 
 
 range_to_message = register_cdr(RANGE, RangeReading, range_from_message, range_to_cdr)

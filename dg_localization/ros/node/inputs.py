@@ -4,6 +4,7 @@
 """The subscriptions of the node: the links named one by one, and topics that templates name."""
 
 from collections.abc import Callable
+from copy import copy
 import time
 from typing import Any
 
@@ -180,17 +181,14 @@ class Inputs:
             self._subscribe(link, wanted)
 
     def _subscribe(self, link: Link, qos: QoSProfile = SENSOR_DATA) -> None:
-        n_observers = self._n_robots if link.key.observer == ANY_OBSERVER else 1
+        qos = copy(qos)
+        qos.depth *= self._n_robots if link.key.observer == ANY_OBSERVER else 1
         # Raw: a message that is too long must not be decoded, nor one that cannot be raise here.
         self._subscriptions[link] = self._node.create_subscription(
             adapter_for(link.type_name).message_class(),
             link.topic,
             _never_called,
-            QoSProfile(
-                depth=QUEUE_DEPTH * n_observers,
-                reliability=qos.reliability,
-                durability=qos.durability,
-            ),
+            qos,
             callback_group=self._group,
             event_callbacks=NO_EVENTS,
             raw=True,
