@@ -146,27 +146,22 @@ def odometry_windows(
     if dimension == 3:
         steps_rad = _angles(turns[:-1], turns[1:])
     turned_rad = _cumulative(steps_rad)
-    parts = []
-    for first, last in _spans(stamps):
-        whole_m = np.array(
-            [along_m[a:b].sum(axis=0) for a, b in zip(first, last, strict=True)]
-        ).reshape(-1, 3)
-        error_rad = without_turns(off_rad[last] - off_rad[first])
-        if not upright:
-            ways = [np.swapaxes(r[first], 1, 2) @ r[last] for r in (turns, true)]
-            error_rad = _angles(*ways)
-        found = OdometryWindows(
-            stamps[first],
-            stamps[last] - stamps[first],
-            way_m[last] - way_m[first],
-            turned_rad[last] - turned_rad[first],
-            whole_m,
-            true_m[last] - true_m[first],
-            np.abs(error_rad),
-        )
-        columns = np.column_stack([*vars(found).values()])
-        parts.append(found.chosen(np.asarray(np.isfinite(columns).all(axis=1))))
-    return OdometryWindows.joined(parts)
+    first, last = _spans(stamps)
+    whole_m = np.array([along_m[a:b].sum(axis=0) for a, b in zip(first, last, strict=True)])
+    error_rad = without_turns(off_rad[last] - off_rad[first])
+    if not upright:
+        error_rad = _angles(*(np.swapaxes(r[first], 1, 2) @ r[last] for r in (turns, true)))
+    found = OdometryWindows(
+        stamps[first],
+        stamps[last] - stamps[first],
+        way_m[last] - way_m[first],
+        turned_rad[last] - turned_rad[first],
+        whole_m.reshape(-1, 3),
+        true_m[last] - true_m[first],
+        np.abs(error_rad),
+    )
+    columns = np.column_stack([*vars(found).values()])
+    return found.chosen(np.asarray(np.isfinite(columns).all(axis=1)))
 
 
 def fit_odometry(
@@ -311,21 +306,23 @@ def _fit_line(way: FloatArray, error: FloatArray, choice: Choice) -> tuple[float
     return float(constant), float(slope)
 
 
-def _spans(stamps_s: FloatArray) -> Iterator[tuple[IndexArray, IndexArray]]:
+def _spans(stamps_s: FloatArray) -> tuple[IndexArray, IndexArray]:
     """
-    Yield the first and the last samples of windows, as many of each length.
+    Return the first and the last samples of windows, as many of each length.
 
     It goes through the samples, not through the time between them: one wrong stamp makes that
     years long.
     """
     pieces = np.floor((stamps_s - stamps_s[0]) / EVERY_S)
     first, rng = np.unique(pieces, return_index=True)[1], np.random.default_rng(0)
+    found = []
     for seconds in WINDOWS_S:
         lengths_s = seconds * rng.uniform(SHORTEST, 1.0, len(first))
         last = np.searchsorted(stamps_s, stamps_s[first] + lengths_s)
         spans_s = np.append(stamps_s, np.inf)[last] - stamps_s[first]
-        whole = spans_s < STRETCHED * lengths_s
-        yield first[whole], last[whole]
+        found.append(np.array([first, last])[:, spans_s < STRETCHED * lengths_s])
+    firsts, lasts = np.concatenate(found, axis=1)
+    return firsts, lasts
 
 
 def _cumulative(steps: FloatArray) -> FloatArray:
