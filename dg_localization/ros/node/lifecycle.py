@@ -159,10 +159,8 @@ class LiveParameters:
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._on_set)
 
-    def at_configure(self) -> Settings | None:
-        """Return the settings with all changes so far; None where there is none to come."""
-        if self._wanted == self._present:
-            return None
+    def at_configure(self) -> Settings:
+        """Return the settings with all changes so far."""
         self._present = self._wanted
         self._is_declaring = True
         declare_missing(self._node, self._wanted)

@@ -128,9 +128,7 @@ class LocalizerNode(ManagedNode):
     def on_configure(self) -> None:
         """Make the outputs, the reset service and the worker; receive nothing yet."""
         made = self._made_to_configure
-        settings = self._live.at_configure()
-        if settings is not None:
-            self._adopt(settings)
+        self._adopt(self._live.at_configure())
         outputs = [*estimate_outputs(self.settings.fleet.robots)]
         if self.settings.publish_tf:
             outputs.append(transform_output())
