@@ -4,16 +4,43 @@
 """What robots at known places tell a localizer: odometry, ranges and rays."""
 
 import math
+from types import MappingProxyType
 
 from shapes import in_space
 
-from dg_localization.fleet import Anchor
+from dg_localization import SolverOptions
+from dg_localization.fleet import (
+    Anchor,
+    FleetConfig,
+    Localizer,
+    OdometryErrorModel,
+    RangeErrorModel,
+)
 from dg_localization.fleet.rotations import quaternion_of_yaw
 
+MODELS = {
+    'range_error': RangeErrorModel,
+    'odometry_error': OdometryErrorModel,
+    'solver': SolverOptions,
+}
 
-def anchors_at(places_m):
+
+def anchors_at(places_m, bound_m=0.0):
     """Return anchors by name."""
-    return {name: Anchor(tuple(place_m)) for name, place_m in places_m.items()}
+    return {name: Anchor(tuple(place_m), bound_m) for name, place_m in places_m.items()}
+
+
+def new_localizer(robots, anchors=MappingProxyType({}), **settings):
+    """Return a localizer: models are given by their numbers, and anchors by their places."""
+    for name, model in MODELS.items():
+        given = settings.get(name)
+        if isinstance(given, dict):
+            settings[name] = model(**given)
+        elif isinstance(given, tuple):
+            settings[name] = model(*given)
+    if not any(isinstance(one, Anchor) for one in anchors.values()):
+        anchors = anchors_at(anchors)
+    return Localizer(FleetConfig(tuple(robots), anchors=anchors, **settings))
 
 
 def add_odometry(localizer, robot, place_m, stamp_s, yaw_rad=0.0, now_s=None, frame=''):

@@ -8,13 +8,10 @@ import math
 
 import numpy as np
 import pytest
-from sensing import add_odometry, add_ranges, anchors_at, ray
+from sensing import add_odometry, add_ranges, new_localizer, ray
 from shapes import in_space, random_rotation
 
 from dg_localization.fleet import (
-    FleetConfig,
-    Localizer,
-    OdometryErrorModel,
     RangeErrorModel,
 )
 
@@ -24,7 +21,7 @@ ANCHORS[3] = np.vstack([np.pad(ANCHORS[2], ((0, 0), (0, 1))), [4.0, 4.0, 7.0]])
 
 
 def anchors_of(dimension=2):
-    return anchors_at({f'a{k}': place for k, place in enumerate(ANCHORS[dimension])})
+    return {f'a{k}': place for k, place in enumerate(ANCHORS[dimension])}
 
 
 def inside(placement):
@@ -42,8 +39,8 @@ def test_right_readings_give_the_true_point(dimension, cameras):
     rng, robots, anchors = np.random.default_rng(1), list('rstu'), anchors_of(dimension)
     truth_m = rng.uniform(0.0, 8.0, (len(robots), dimension))
     frames = [random_rotation(rng, dimension) for _ in robots]
-    config = FleetConfig(robots, dimension, anchors=anchors, bearing_half_width_rad=0.05)
-    localizer, names = Localizer(config), [*robots, *anchors]
+    settings = {'dimension': dimension, 'bearing_half_width_rad': 0.05}
+    localizer, names = new_localizer(robots, anchors, **settings), [*robots, *anchors]
     places_m = np.vstack([truth_m, ANCHORS[dimension]])
     for i, j in permutations(range(len(names)), 2):
         if i < len(robots):
@@ -77,20 +74,15 @@ def drive(localizer, drift_rad=0.0, misread=()):
 
 def driver(**settings):
     """Return a localizer for a robot whose odometry turns too far, among landmarks."""
-    error = OdometryErrorModel(
-        translation_per_m=0.1, rotation_per_rad=0.3, constant_m=0.02, constant_rad=0.02
-    )
-    return Localizer(
-        FleetConfig(
-            ['r'],
-            anchors=anchors_of(),
-            memory_max_seconds=math.inf,
-            max_age_s=0.4,
-            odometry_error=error,
-            range_error=RangeErrorModel(min_error_relative=-0.1, max_error_relative=0.1),
-            bearing_half_width_rad=0.1,
-            **settings,
-        )
+    return new_localizer(
+        ['r'],
+        anchors=anchors_of(),
+        memory_max_seconds=math.inf,
+        max_age_s=0.4,
+        odometry_error=(0.1, 0.0, 0.0, 0.3, 0.02, 0.02),
+        range_error=(0.0, 0.0, -0.1, 0.1),
+        bearing_half_width_rad=0.1,
+        **settings,
     )
 
 
@@ -147,7 +139,7 @@ def test_a_proved_point_as_published_meets_every_range():
         (4, 5): 2.812894,
     }
     robots = tuple(f'r{i}' for i in range(6))
-    localizer = Localizer(FleetConfig(robots, range_error=RangeErrorModel(0.0, 0.0, -0.01, 0.01)))
+    localizer = new_localizer(robots, range_error=(0.0, 0.0, -0.01, 0.01))
     for (i, j), range_m in ranges_m.items():
         localizer.add_range(robots[i], robots[j], range_m, 10.0, 10.0)
     placements = localizer.step(10.0).placements
@@ -164,7 +156,7 @@ def test_a_proved_point_as_published_meets_every_range():
 def test_robots_that_hardly_anything_ties_to_the_rest_have_points(far_m, near_m):
     """Rounding hides from the equations what one absurd range tells."""
     for robots in ('abc', 'abcd'):
-        localizer = Localizer(FleetConfig(robots=tuple(robots)))
+        localizer = new_localizer(tuple(robots))
         localizer.add_range('a', 'b', far_m, NOW_S, NOW_S)
         for first, second in combinations(robots[1:], 2):
             localizer.add_range(first, second, near_m, NOW_S, NOW_S)
@@ -181,9 +173,8 @@ def test_the_expected_error_moves_the_point_and_not_the_bounds():
     answers = []
     for expected_m in (0.0, 0.4):
         model = RangeErrorModel(0.0, 0.5, 0.0, 0.0, expected_error_m=expected_m)
-        localizer = Localizer(FleetConfig(['r'], anchors=anchors_of(), range_error=model))
-        places_m = {f'a{k}': place_m for k, place_m in enumerate(ANCHORS[2])}
-        add_ranges(localizer, 'r', (3.0, 3.0), places_m, NOW_S, off_m=0.4)
+        localizer = new_localizer(['r'], anchors=anchors_of(), range_error=model)
+        add_ranges(localizer, 'r', (3.0, 3.0), anchors_of(), NOW_S, off_m=0.4)
         answers += localizer.step(NOW_S).placements
     first, second = answers
     assert (first.enclosure_m == second.enclosure_m).all()
@@ -195,14 +186,12 @@ def test_the_expected_error_moves_the_point_and_not_the_bounds():
 def test_what_is_left_out_of_the_past_still_counts_for_the_moment(b_saw_a):
     """Robot b cannot be turned by what it sees now, and a measures it all the time."""
     landmarks_m = {'p': (0.0, 0.0), 'q': (8.0, 0.0), 'r': (0.0, 6.0)}
-    localizer = Localizer(
-        FleetConfig(
-            robots=('a', 'b'),
-            anchors=anchors_at(landmarks_m),
-            max_speed_m_s=0.5,
-            range_error=RangeErrorModel(-1.0, 1.0, 0.0, 0.0),
-            bearing_half_width_rad=0.02,
-        )
+    localizer = new_localizer(
+        ('a', 'b'),
+        anchors=landmarks_m,
+        max_speed_m_s=0.5,
+        range_error=(-1.0, 1.0, 0.0, 0.0),
+        bearing_half_width_rad=0.02,
     )
     for stamp_s in np.arange(0.5, NOW_S + 0.01, 0.1).round(3).tolist():
         places_m = {'a': (2.0 + 0.2 * stamp_s, 3.0), 'b': (2.0 + 0.2 * stamp_s, 7.0)}

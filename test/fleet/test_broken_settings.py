@@ -7,14 +7,11 @@ import math
 
 import numpy as np
 import pytest
-from sensing import add_odometry, add_ranges, anchors_at
+from sensing import add_odometry, add_ranges, new_localizer
 from shapes import holds
 
 from dg_localization.fleet import (
-    FleetConfig,
-    Localizer,
     OdometryErrorModel,
-    RangeErrorModel,
 )
 
 PLACES_M = {'a': (0.0, 0.0), 'b': (10.0, 0.0), 'c': (0.0, 10.0), 'd': (10.0, 10.0)}
@@ -24,8 +21,8 @@ SMALL = OdometryErrorModel(
 
 
 def localizer_of(**settings):
-    known = {'range_error': RangeErrorModel(-0.05, 0.05, 0.0, 0.0), 'odometry_error': SMALL}
-    return Localizer(FleetConfig(('r',), **{'anchors': anchors_at(PLACES_M), **known, **settings}))
+    known = {'range_error': (-0.05, 0.05, 0.0, 0.0), 'odometry_error': SMALL}
+    return new_localizer(('r',), **{'anchors': PLACES_M, **known, **settings})
 
 
 def measure(localizer, place, stamp_s, now_s, names='abcd'):
@@ -134,7 +131,7 @@ def test_a_robot_that_passes_its_origin_has_not_started_again():
 
 @pytest.mark.parametrize(('gap_s', 'anew'), [(0.5, False), (3.0, True)])
 def test_every_gap_can_be_made_a_restart(gap_s, anew):
-    localizer = localizer_of(odometry_error=OdometryErrorModel(restart_gap_s=2.0))
+    localizer = localizer_of(odometry_error={'restart_gap_s': 2.0})
     for now_s in (100.0, 100.1, 100.1 + gap_s):
         drive(localizer, 5.0 + 0.1 * now_s, now_s, now_s)
     assert bool(input_of(localizer, 'odometry', now_s).restart) is anew
@@ -143,8 +140,7 @@ def test_every_gap_can_be_made_a_restart(gap_s, anew):
 @pytest.mark.parametrize(('up_m', 'away_m'), [(1.0, 4.0), (2.0, 3.0), (2.0, 1.5), (3.0, 1.0)])
 def test_a_ray_that_points_above_the_plane_is_widened_and_told(up_m, away_m):
     half_width_rad, places = 0.05, {'t': (0.0, 0.0), 'e': (-8.0, -3.0), 'f': (3.0, -9.0)}
-    anchors = anchors_at({**PLACES_M, **places})
-    localizer = localizer_of(anchors=anchors, bearing_half_width_rad=half_width_rad)
+    localizer = localizer_of(anchors={**PLACES_M, **places}, bearing_half_width_rad=half_width_rad)
     place = np.array([0.0, -away_m])
     line = np.array([0.0, away_m, up_m]) / math.hypot(away_m, up_m)
     ray = math.cos(0.99 * half_width_rad) * line

@@ -7,13 +7,11 @@ import math
 
 import numpy as np
 import pytest
+from sensing import new_localizer
 
 from dg_localization.fleet import (
     Anchor,
-    FleetConfig,
-    Localizer,
     OdometryErrorModel,
-    RangeErrorModel,
 )
 from dg_localization.fleet.constraints.constrain import constrain
 from dg_localization.fleet.constraints.distances import triangulate
@@ -28,10 +26,10 @@ def make(robots='abc', **settings):
         'robots': tuple(robots),
         'max_speed_m_s': 0.0,
         'max_turn_rate_rad_s': 1.0,
-        'range_error': RangeErrorModel(min_error_relative=0.0, max_error_relative=0.0),
+        'range_error': (0.0, 0.0, 0.0, 0.0),
         'bearing_half_width_rad': 0.1,
     }
-    return Localizer(FleetConfig(**{**defaults, **settings}))
+    return new_localizer(**{**defaults, **settings})
 
 
 def ray(angle_rad):

@@ -7,20 +7,13 @@ import math
 
 import numpy as np
 import pytest
-from sensing import add_odometry, add_ranges, anchors_at
+from sensing import add_odometry, add_ranges, new_localizer
 from shapes import holds, turn
-
-from dg_localization.fleet import (
-    FleetConfig,
-    Localizer,
-    OdometryErrorModel,
-    RangeErrorModel,
-)
 
 ANCHORS = {'a': (0.0, 0.0), 'b': (12.0, 0.0), 'c': (12.0, 9.0), 'd': (0.0, 9.0)}
 START_S = 100.0
 ERROR = 0.02
-STATED = OdometryErrorModel(translation_per_m=ERROR, rotation_per_rad=ERROR)
+STATED = {'translation_per_m': ERROR, 'rotation_per_rad': ERROR}
 
 
 def pose(time_s):
@@ -45,17 +38,16 @@ def drive(
     memory_s, ranged, end_s, tick_s=1.0, restart_s=math.inf, odometry=odometry, error=STATED
 ):
     """Yield times and estimates of a robot that ranges anchors while `ranged`."""
-    config = FleetConfig(
+    localizer = new_localizer(
         ('r',),
-        anchors=anchors_at(ANCHORS),
-        range_error=RangeErrorModel(-0.1, 0.1, 0.0, 0.0),
+        anchors=ANCHORS,
+        range_error=(-0.1, 0.1, 0.0, 0.0),
         max_speed_m_s=1.0,
         max_turn_rate_rad_s=0.5,
         odometry_error=error,
         memory_s=memory_s,
         memory_max_seconds=math.inf,
     )
-    localizer = Localizer(config)
     for step in range(round(end_s / 0.2)):
         time_s = 0.2 * step
         now_s = START_S + time_s
@@ -112,7 +104,7 @@ def test_a_set_that_odometry_does_not_reach_any_more_claims_nothing(tick_s):
 @pytest.mark.parametrize('side', [-1.0, 0.0, 1.0])
 @pytest.mark.parametrize('scale', [0.7, 1.0, 1.3])
 def test_odometry_that_is_scaled_and_errs_at_its_bound_loses_no_truth(scale, side):
-    error = OdometryErrorModel(translation_per_m=0.05, translation_scale=scale)
+    error = {'translation_per_m': 0.05, 'translation_scale': scale}
 
     def stated(time_s):
         radius, angle = 2.5 / (scale * (1.0 + 0.0499 * side)), 0.1 * time_s

@@ -9,18 +9,15 @@ import math
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
-from sensing import add_odometry, add_ranges, anchors_at
+from sensing import add_odometry, add_ranges, new_localizer
 from shapes import holds
 
 from dg_localization import Verdict
 from dg_localization.fleet import (
     ElevationErrorModel,
-    FleetConfig,
     LinkKey,
     LinkKind,
-    Localizer,
     Mount,
-    RangeErrorModel,
     RejectionReason,
     SensorBounds,
 )
@@ -29,20 +26,19 @@ from dg_localization.fleet.elevations import distance_in_plane_m, squared_rise_m
 NOW_S = 5.0
 PLACES = {'a': (0.0, 0.0), 'b': (6.0, 0.0), 'c': (0.0, 6.0)}
 PLACE_M = (2.0, 3.0)
-EXACT = RangeErrorModel(-0.001, 0.001, 0.0, 0.0)
 KEY = LinkKey(LinkKind.ELEVATION, 'r', '')
 
 
 def make(**settings):
     """Return a localizer of a robot that flies anywhere up to 20 m above three anchors."""
     given_settings = {
-        'anchors': anchors_at(PLACES),
+        'anchors': PLACES,
         'elevations_m': {'r': (0.0, 20.0)},
         'elevation_error': ElevationErrorModel(-0.1, 0.1),
-        'range_error': EXACT,
+        'range_error': (-0.001, 0.001, 0.0, 0.0),
         'max_speed_m_s': 2.0,
     }
-    return Localizer(FleetConfig(['r'], **(given_settings | settings)))
+    return new_localizer(['r'], **(given_settings | settings))
 
 
 def measure(localizer, height_m, stamp_s=NOW_S, now_s=NOW_S, place_m=PLACE_M, sensor='r'):
@@ -160,9 +156,8 @@ def test_a_reading_without_a_time_is_rejected(stamp_s):
 
 
 def test_readings_have_error_bounds_of_their_own():
-    config = FleetConfig(['r', 's'], elevations_m={'r': (0.0, 20.0), 's': (0.0, 20.0)})
     own = SensorBounds(elevation_error=ElevationErrorModel(0.0, 2.0))
-    localizer = Localizer(config)
+    localizer = new_localizer('rs', elevations_m={'r': (0.0, 20.0), 's': (0.0, 20.0)})
     localizer.add_elevation('s', 10.0, NOW_S, NOW_S, own)
     assert localizer.add_elevation('s', 8.0, NOW_S, NOW_S, own) is None
     assert '8.000 to 8.000' in str(localizer.add_elevation('s', 10.5, NOW_S, NOW_S, own))
@@ -178,7 +173,7 @@ def test_ranges_from_above_are_remembered(sensor):
         localizer = make(
             mounts={'r': {'left': Mount((0.4, 0.2))}},
             elevations_m=dict.fromkeys(PLACES, (3.0, 3.0)),
-            range_error=RangeErrorModel(-0.02, 0.02, 0.0, 0.0),
+            range_error=(-0.02, 0.02, 0.0, 0.0),
             max_speed_m_s=0.5,
             memory_s=memory_s,
             memory_max_seconds=math.inf,

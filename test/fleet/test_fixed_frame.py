@@ -8,10 +8,11 @@ import math
 import numpy as np
 import pytest
 import sensing
+from sensing import new_localizer
 from shapes import in_space, missing, turn
 
-from dg_localization import SolverOptions, Verdict
-from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
+from dg_localization import Verdict
+from dg_localization.fleet import Anchor, RangeErrorModel
 from dg_localization.fleet.rotations import yaw_of
 from dg_localization.simulation.moving_fleet import EDGES, ROBOTS, START_POSITIONS_M
 
@@ -27,9 +28,9 @@ def make_localizer(robots, **settings):
         'max_turn_rate_rad_s': 0.0,
         'range_error': TIGHT,
         'bearing_half_width_rad': 0.01,
-        'solver': SolverOptions(resolution=0.05, max_boxes=200),
+        'solver': {'resolution': 0.05, 'max_boxes': 200},
     }
-    return Localizer(FleetConfig(**{**defaults, **settings}))
+    return new_localizer(**{**defaults, **settings})
 
 
 def add_ranges(localizer, places, pairs=None):
@@ -168,8 +169,8 @@ def test_what_a_limit_left_open_among_the_others_is_open_in_the_fleet(beacons):
     localizer = make_localizer(
         ['first', 'second', *others],
         anchors={name: Anchor((90.0, float(x))) for x, name in enumerate(beacons)},
-        range_error=RangeErrorModel(-0.05, 0.05),
-        solver=SolverOptions(resolution=0.01, max_boxes=3),
+        range_error=(-0.05, 0.05, -0.03, 0.03),
+        solver={'resolution': 0.01, 'max_boxes': 3},
     )
     add_ranges(localizer, {'first': (50.0, 0.0), 'second': (53.0, 0.0)})
     estimate = localizer.step(NOW_S)

@@ -9,7 +9,7 @@ import os
 from hypothesis import example, given, settings, strategies as st
 import numpy as np
 from sensing import reading_of
-from shapes import TOLERANCE, angle_of, axes_along, in_space, missing, rotation_about
+from shapes import TOLERANCE, angle_of, axes_along, missing, rotation_about
 
 from dg_localization import SolverOptions, Verdict
 from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
@@ -21,7 +21,7 @@ TICK_S = 0.05
 
 @dataclass
 class World:
-    """A true fleet: positions (ticks, n, q) and body rotations (ticks, n, 3, 3)."""
+    """A true fleet: positions (ticks, n, 3) and body rotations (ticks, n, 3, 3)."""
 
     config: FleetConfig
     start_s: float
@@ -43,24 +43,19 @@ class World:
 
     def truth_in(self, frame):
         """Return positions (n, q) and rotations of the last tick in the fixed frame."""
-        points = self.config.points
-        positions, rotations = self.positions[-1], self.rotations[-1]
-        q = positions.shape[1]
-        if frame.kind == 'anchors':
-            return positions, rotations
-        rows = [points.index(name) for name in frame.points]
-        if frame.kind == 'odometry':
+        places, rotations = self.positions[-1], self.rotations[-1]
+        origin, axes, shift = np.zeros(3), np.eye(3), np.zeros(3)
+        if frame.kind != 'anchors':
+            row, *others = (self.config.points.index(name) for name in frame.points)
+            origin, axes = places[row], rotations[row]
+        if frame.kind == 'robots':
+            axes = axes_along(places[others] - origin, self.config.dimension)
+        elif frame.kind == 'odometry':
             assert frame.name == f'odom of {frame.points[0]}'
-            tick, stated, rotation = self.odometry[rows[0]]
-            turn = rotation @ self.rotations[tick, rows[0]].T
-            local = positions - self.positions[tick, rows[0]]
-            return local @ turn[:q, :q].T + stated[:q], turn @ rotations
-        local = positions - positions[rows[0]]
-        if frame.kind == 'heading':
-            axes = rotations[rows[0]]
-        else:
-            axes = axes_along([in_space(local[row]) for row in rows[1:]], q)
-        return local @ axes[:q, :q], np.einsum('ji,njk->nik', axes, rotations)
+            tick, shift, stated = self.odometry[row]
+            origin, axes = self.positions[tick, row], self.rotations[tick, row] @ stated.T
+        local = (places - origin) @ axes + shift
+        return local[:, : self.config.dimension], axes.T @ rotations
 
 
 def make_world(rng, q, n_robots, n_landmarks, speed, turn_rate, error, options):
@@ -117,21 +112,19 @@ def make_world(rng, q, n_robots, n_landmarks, speed, turn_rate, error, options):
         max_hypotheses=10_000,
         solver=SolverOptions(resolution=0.2, max_boxes=40, max_seconds=1.0),
     )
-    return World(config, options['start_s'], positions, rotations)
+    in_space = np.pad(positions, ((0, 0), (0, 0), (0, 3 - q)))
+    return World(config, options['start_s'], in_space, rotations)
 
 
 def ray_of(world, tick, observer, target, rng):
     """Return a ray in the body frame, wrong by less than the half width."""
-    gap = np.zeros(3)
-    gap[: world.positions.shape[2]] = (
-        world.positions[tick, target] - world.positions[tick, observer]
-    )
+    gap = world.positions[tick, target] - world.positions[tick, observer]
     if np.linalg.norm(gap) < 1e-9:
         return None
     gap /= np.linalg.norm(gap)
     error = 0.999 * world.config.bearing_half_width_rad * rng.uniform()
     axis = np.array([0.0, 0.0, rng.choice([-1.0, 1.0])])
-    if world.positions.shape[2] == 3:
+    if world.config.dimension == 3:
         axis = np.cross(gap, rng.normal(size=3))
         axis /= np.linalg.norm(axis)
     ray = rotation_about(axis * error) @ gap
@@ -168,17 +161,14 @@ def feed(localizer, world, rng, options):
 
 def feed_odometry(localizer, world, rng):
     for robot in range(0, world.n_robots, 2):
-        frame = rotation_about(rng.normal(size=3) if world.positions.shape[2] == 3 else [0, 0, 1])
+        frame = rotation_about(rng.normal(size=3) if world.config.dimension == 3 else [0, 0, 1])
         position = rng.normal(size=3)
         rotation = frame @ world.rotations[0, robot]
         last = 0
         for tick in range(len(world.positions)):
             if rng.uniform() < 0.3:
                 continue
-            step = np.zeros(3)
-            step[: world.positions.shape[2]] = (
-                world.positions[tick, robot] - world.positions[last, robot]
-            )
+            step = world.positions[tick, robot] - world.positions[last, robot]
             ahead = world.rotations[last, robot].T @ step
             position = position + rotation @ ahead * (1.0 + rng.uniform(-0.04, 0.04))
             turned = world.rotations[last, robot].T @ world.rotations[tick, robot]
@@ -186,15 +176,9 @@ def feed_odometry(localizer, world, rng):
             axis *= angle_of(turned) / max(np.linalg.norm(axis), 1e-15)
             rotation = rotation @ rotation_about(axis * (1.0 + rng.uniform(-0.04, 0.04)))
             last = tick
-            rejection = localizer.add_odometry(
-                world.config.robots[robot],
-                position,
-                quaternion_of(rotation),
-                world.stamp_s(tick),
-                world.now_s,
-                f'odom of {world.config.robots[robot]}',
-            )
-            assert rejection is None
+            name, stamps = world.config.robots[robot], (world.stamp_s(tick), world.now_s)
+            pose = position, quaternion_of(rotation)
+            assert localizer.add_odometry(name, *pose, *stamps, f'odom of {name}') is None
             world.odometry[robot] = tick, position, rotation
 
 
@@ -224,7 +208,7 @@ def check(world, localizer):
 
 def check_form(placement, world):
     """Positions lie in their enclosures, and what is unknown is NaN and unbounded."""
-    n, q = world.n_robots, world.positions.shape[2]
+    n, q = world.n_robots, world.config.dimension
     assert placement.positions_m.shape == (n, q)
     assert placement.enclosure_m.shape == (n, 2, q)
     known = np.isfinite(placement.positions_m).all(axis=1)

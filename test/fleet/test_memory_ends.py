@@ -7,11 +7,9 @@ import math
 
 import numpy as np
 import pytest
-from sensing import add_odometry, add_ranges, anchors_at
+from sensing import add_odometry, add_ranges, new_localizer
 
 from dg_localization import Verdict
-from dg_localization.fleet import FleetConfig, Localizer, RangeErrorModel
-from dg_localization.fleet.odometry import OdometryErrorModel
 
 START_S, MEMORY_S, STEP_S = 100.0, 10.0, 0.2
 ANCHORS_M = {'a': (0.0, 5.0), 'b': (0.0, -5.0), 'c': (8.0, 4.0)}
@@ -19,15 +17,13 @@ PLACES_M = {'r': (2.0, 0.0), 's': (3.0, 1.0)}
 
 
 def localizer_of(robots, **settings):
-    return Localizer(
-        FleetConfig(
-            robots=robots,
-            odometry_error=OdometryErrorModel(translation_per_m=0.01),
-            memory_s=MEMORY_S,
-            memory_max_seconds=math.inf,
-            max_age_s=0.3,
-            **settings,
-        )
+    return new_localizer(
+        robots,
+        odometry_error={'translation_per_m': 0.01},
+        memory_s=MEMORY_S,
+        memory_max_seconds=math.inf,
+        max_age_s=0.3,
+        **settings,
     )
 
 
@@ -35,8 +31,8 @@ def enclosures_among_anchors(first_error_m, outliers):
     """Return the enclosures of two parked robots by time since the start."""
     localizer = localizer_of(
         tuple(PLACES_M),
-        anchors=anchors_at(ANCHORS_M),
-        range_error=RangeErrorModel(-0.01, 0.01, -0.3, 0.3),
+        anchors=ANCHORS_M,
+        range_error=(-0.01, 0.01, -0.3, 0.3),
         window_outliers=outliers,
     )
     found = {}
@@ -64,7 +60,7 @@ def test_what_is_older_than_the_memory_has_no_effect_among_anchors(outliers):
 
 def triangle_that_cannot_be(measured_now):
     """Remember three ranges that no triangle has; return the estimates since."""
-    localizer = localizer_of(('r', 's', 't'), range_error=RangeErrorModel(-0.05, 0.05, 0.0, 0.0))
+    localizer = localizer_of(('r', 's', 't'), range_error=(-0.05, 0.05, 0.0, 0.0))
     estimates = []
     for step in range(60):
         since_s, now_s = step * STEP_S, START_S + step * STEP_S
@@ -98,7 +94,7 @@ def test_a_memory_alone_that_contradicts_itself_is_forgotten():
 @pytest.mark.parametrize('odometry_goes_on', [True, False])
 def test_memory_answers_while_odometry_says_where_the_robots_go(odometry_goes_on):
     """Nothing is measured any more; where odometry is silent, too, no answer looks new."""
-    localizer = localizer_of(('r', 's'), range_error=RangeErrorModel(-0.05, 0.05, 0.0, 0.0))
+    localizer = localizer_of(('r', 's'), range_error=(-0.05, 0.05, 0.0, 0.0))
     for step in range(20):
         now_s = START_S + step * STEP_S
         if step < 10 or odometry_goes_on:

@@ -8,10 +8,10 @@ import os
 
 import numpy as np
 import pytest
-from sensing import ray
+from sensing import new_localizer, ray
 from shapes import holds, turn
 
-from dg_localization.fleet import Anchor, FleetConfig, Localizer, Mount, RangeErrorModel
+from dg_localization.fleet import Anchor, Mount
 
 CASES = int(os.environ.get('DG_PROPERTY_FLEETS', '60'))
 NOW_S = 100.0
@@ -47,17 +47,15 @@ class Rig:
 
     def estimate(self, **more):
         mounts = {name: Mount(tuple(arm), 0.0) for name, arm in self.mounts.items()}
-        localizer = Localizer(
-            FleetConfig(
-                ('r',),
-                anchors={n: Anchor(tuple(p), self.bound_m) for n, p in self.stated.items()},
-                mounts={'r': mounts} if mounts else {},
-                range_error=RangeErrorModel(-self.error_m, self.error_m, 0.0, 0.0),
-                bearing_half_width_rad=self.error_rad,
-                max_speed_m_s=self.speed_m_s,
-                max_turn_rate_rad_s=self.turn_rate_rad_s,
-                **more,
-            )
+        localizer = new_localizer(
+            ('r',),
+            anchors={n: Anchor(tuple(p), self.bound_m) for n, p in self.stated.items()},
+            mounts={'r': mounts} if mounts else {},
+            range_error=(-self.error_m, self.error_m, 0.0, 0.0),
+            bearing_half_width_rad=self.error_rad,
+            max_speed_m_s=self.speed_m_s,
+            max_turn_rate_rad_s=self.turn_rate_rad_s,
+            **more,
         )
         tag, camera = (f'r/{s}' if s in self.mounts else 'r' for s in ('tag', 'cam'))
         for name in self.ranged:

@@ -5,6 +5,7 @@
 
 import math
 
+from drives import draw_drive
 import numpy as np
 import pytest
 from shapes import attitude
@@ -57,23 +58,14 @@ def test_a_way_whose_steps_err_by_their_bounds_stays_within(seed):
         'rotation_per_m': rng.choice([0.0, 0.2]),
         'rotation_per_rad': rng.choice([0.0, 0.3]),
     }
-    error = OdometryErrorModel(**errors)
-    pose, stated, readings, sign = np.zeros(3), np.zeros(3), [], rng.choice([-1.0, 1.0])
-    for k in range(12):
-        place = np.array([*stated[:2], 0.0])
-        readings.append(OdometrySample(1.0 + k, place, attitude(stated[2])))
-        way, turn = rng.uniform(0.0, 1.0), rng.uniform(-1.0, 1.0)
-        off_m = error.translation_per_m * way + error.translation_per_rad * abs(turn)
-        off_rad = error.rotation_per_m * way + error.rotation_per_rad * abs(turn)
-        for moved, longer, more in ((stated, 0.0, 0.0), (pose, off_m, sign * off_rad)):
-            step = (way + 0.999 * longer) * np.array([np.cos(moved[2]), np.sin(moved[2])])
-            moved += [*step, turn + 0.999 * more]
-    readings.append(OdometrySample(13.0, np.array([*stated[:2], 0.0]), attitude(stated[2])))
-    motion = motion_of(*readings, **errors)
-    assert np.linalg.norm(pose[:2]) <= motion.displacement_m('a', 1.0, 13.0)
-    rotation, half_width_rad = motion_of(*readings, turn_rate=9.0, **errors).turn('a', 1.0, 13.0)
-    off_rad = pose[2] + np.arctan2(rotation[1, 0], rotation[0, 0])
-    assert half_width_rad >= abs(np.arctan2(np.sin(off_rad), np.cos(off_rad))) - 1e-9
+    drive = draw_drive(rng, 61, OdometryErrorModel(**errors), True, np.array([1.0, 1.0, 0.0]))
+    readings = [OdometrySample(1.0 + k, *stated) for k, stated in enumerate(drive.stated)]
+    (first_m, first_rad, *_), (last_m, last_rad, *_) = drive.true[0], drive.true[-1]
+    motion = motion_of(*readings, turn_rate=9.0, **errors)
+    assert np.linalg.norm(last_m - first_m) <= motion.displacement_m('a', 1.0, 61.0)
+    rotation, half_width_rad = motion.turn('a', 1.0, 61.0)
+    off_rad = last_rad - first_rad + np.arctan2(rotation[1, 0], rotation[0, 0])
+    assert half_width_rad >= abs(math.remainder(off_rad, math.tau)) - 1e-9
 
 
 def test_where_odometry_is_missing_the_way_is_as_long_as_the_limits_allow():

@@ -8,16 +8,12 @@ import math
 
 import numpy as np
 import pytest
-from sensing import add_odometry, anchors_at
+from sensing import add_odometry, new_localizer
 from shapes import attitude, holds, in_space, turn
 
-from dg_localization import SolverOptions, Verdict
+from dg_localization import Verdict
 from dg_localization.fleet import (
-    FleetConfig,
-    Localizer,
     Mount,
-    OdometryErrorModel,
-    RangeErrorModel,
 )
 from dg_localization.fleet.rotations import quaternion_of
 
@@ -28,13 +24,13 @@ ANCHORS_M = {
     'a3': (8.0, 7.0, 3.0),
 }
 TAG_M = np.array([0.5, 0.2, 0.3])
-ERROR = OdometryErrorModel(
-    translation_per_m=0.02,
-    rotation_per_rad=0.02,
-    constant_m=0.01,
-    constant_rad=0.01,
-    tilt_rad=0.02,
-)
+ERROR = {
+    'translation_per_m': 0.02,
+    'rotation_per_rad': 0.02,
+    'constant_m': 0.01,
+    'constant_rad': 0.01,
+    'tilt_rad': 0.02,
+}
 
 
 def pose(time_s, dimension):
@@ -51,22 +47,21 @@ def drive(dimension, memory_s, *, lies=(), seed=0, noise_m=0.0, camera=False, **
     """Yield times and estimates of a robot with one tag, away from its center; some ticks lie."""
     rng = np.random.default_rng(seed)
     anchors_m = {name: np.array(place[:dimension]) for name, place in ANCHORS_M.items()}
-    config = FleetConfig(
-        robots=('r',),
+    localizer = new_localizer(
+        ('r',),
         dimension=dimension,
-        anchors=anchors_at(anchors_m),
+        anchors=anchors_m,
         mounts={'r': {'tag': Mount(tuple(TAG_M[:dimension]), bound_m=0.01)}},
-        range_error=RangeErrorModel(-0.02 - 1.4 * noise_m, 0.02 + 1.4 * noise_m, 0.0, 0.0),
+        range_error=(-0.02 - 1.4 * noise_m, 0.02 + 1.4 * noise_m, 0.0, 0.0),
         bearing_half_width_rad=0.1,
         odometry_error=ERROR,
         max_speed_m_s=2.0,
         max_turn_rate_rad_s=3.0,
         memory_s=memory_s,
         memory_max_seconds=math.inf,
-        solver=SolverOptions(resolution=0.3, max_boxes=60),
+        solver={'resolution': 0.3, 'max_boxes': 60},
         **settings,
     )
-    localizer = Localizer(config)
     for tick in range(161):
         time_s = 10.0 + 0.05 * tick
         place, rotation = pose(time_s, dimension)
@@ -136,15 +131,14 @@ def test_the_best_point_goes_by_what_a_sensor_measured_before(camera):
 
 def test_ranges_of_two_sensors_that_differ_make_nobody_suspect():
     """Of two robots that drive side by side, one with a sensor ahead and one behind."""
-    config = FleetConfig(
-        robots=('r', 's'),
+    localizer = new_localizer(
+        ('r', 's'),
         mounts={'r': {'ahead': (0.5, 0.0), 'behind': (-0.5, 0.0)}},
-        range_error=RangeErrorModel(-0.01, 0.01, 0.0, 0.0),
+        range_error=(-0.01, 0.01, 0.0, 0.0),
         odometry_error=ERROR,
         memory_max_seconds=math.inf,
         window_outliers=1,
     )
-    localizer = Localizer(config)
     for tick in range(40):
         now_s = 10.0 + 0.1 * tick
         for robot, start_m in (('r', 0.0), ('s', 3.0)):

@@ -10,16 +10,10 @@ import math
 
 import numpy as np
 import pytest
-from sensing import add_ranges, anchors_at
+from sensing import add_ranges, new_localizer
 from shapes import holds, random_rotation
 
-from dg_localization import SolverOptions, Verdict
-from dg_localization.fleet import (
-    Anchor,
-    FleetConfig,
-    Localizer,
-    RangeErrorModel,
-)
+from dg_localization import Verdict
 from dg_localization.fleet.rotations import yaw_of
 
 NOW_S = 10.0
@@ -36,9 +30,9 @@ def test_two_robots_that_range_between_their_sensors_know_left_from_right():
             places[robot] = rng.uniform(1.0, 7.0, 2)
             for name, arm in MOUNTS.items():
                 places[f'{robot}/{name}'] = places[robot] + frame[:2, :2] @ arm
-        error = RangeErrorModel(0.0, 0.0, -RANGE_ERROR, RANGE_ERROR)
+        error = (0.0, 0.0, -RANGE_ERROR, RANGE_ERROR)
         mounts = {'r0': MOUNTS, 'r1': MOUNTS}
-        localizer = Localizer(FleetConfig(['r0', 'r1'], mounts=mounts, range_error=error))
+        localizer = new_localizer(['r0', 'r1'], mounts=mounts, range_error=error)
         for first, second in product(list(places)[:3], list(places)[3:]):
             range_m = math.dist(places[first], places[second])
             range_m /= 1.0 - rng.uniform(-RANGE_ERROR, RANGE_ERROR)
@@ -54,14 +48,12 @@ def test_two_robots_that_range_between_their_sensors_know_left_from_right():
 def test_sensors_of_a_parked_robot_turn_with_it():
     """It turns by half a radian between two ranges that are right."""
     places = {'parked': (0.0, 0.0), 'b': (6.0, 0.0), 'c': (0.0, 6.0)}
-    localizer = Localizer(
-        FleetConfig(
-            ['parked', 'r'],
-            anchors=anchors_at(places),
-            mounts={'parked': {'left': (0.0, 0.5)}},
-            range_error=RangeErrorModel(0.0, 0.0, -1e-3, 1e-3),
-            max_speed_m_s=0.0,
-        )
+    localizer = new_localizer(
+        ['parked', 'r'],
+        anchors=places,
+        mounts={'parked': {'left': (0.0, 0.5)}},
+        range_error=(0.0, 0.0, -1e-3, 1e-3),
+        max_speed_m_s=0.0,
     )
     place = (3.0, 4.0)
     add_ranges(localizer, 'r', place, {name: places[name] for name in 'bc'}, NOW_S)
@@ -85,19 +77,18 @@ def cart(shared):
 @pytest.mark.parametrize('site', SITES)
 def test_every_true_pose_of_a_trolley_with_three_tags_is_inside(shared, cart, site):
     tag_height_m = (0.96, 0.985)
-    config = FleetConfig(
-        robots=['cart'],
+    localizer = new_localizer(
+        ['cart'],
         mounts={'cart': {f't{k}': tuple(tag[:2]) for k, tag in enumerate(cart['tags'])}},
-        anchors={f'a{k}': Anchor(tuple(place[:2])) for k, place in enumerate(cart['anchors'])},
+        anchors={f'a{k}': place[:2] for k, place in enumerate(cart['anchors'])},
         elevations_m={
             'cart': tag_height_m,
             **{f'a{k}': (place[2], place[2]) for k, place in enumerate(cart['anchors'])},
         },
-        range_error=RangeErrorModel(-0.05, 0.6, 0.0, 0.0),
+        range_error=(-0.05, 0.6, 0.0, 0.0),
         max_repeats=1,
-        solver=SolverOptions(resolution=0.02),
+        solver={'resolution': 0.02},
     )
-    localizer = Localizer(config)
     for turn in (0, 120, 240):
         yaw_deg, x, y = cart['poses_yawdeg_x_y'][str(site)][turn // 60]
         path = shared / f'data/lias_uwb/UWB_static_exp_8_14_pos{site}_deg_{turn}.csv'
@@ -143,11 +134,7 @@ def exact_poses(cart, ranges, tag_height_m, placement):
 
 
 def test_a_robot_that_only_knows_its_own_sensors_is_not_connected():
-    config = FleetConfig(
-        ['alone', 'r', 's'],
-        mounts={'alone': MOUNTS, 'r': MOUNTS},
-    )
-    localizer = Localizer(config)
+    localizer = new_localizer(['alone', 'r', 's'], mounts={'alone': MOUNTS, 'r': MOUNTS})
     localizer.add_range('r/left', 's', 3.0, NOW_S, NOW_S)
     estimate = localizer.step(NOW_S)
     assert estimate.frame.points == ('r',) and estimate.groups == ()

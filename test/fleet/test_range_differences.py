@@ -11,20 +11,17 @@ from histories import History, play_without_a_loss
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
-from sensing import add_odometry, anchors_at
-from shapes import turn
+from sensing import add_odometry, new_localizer
+from shapes import in_space, missing, turn
 
 from dg_localization.fleet import (
-    Anchor,
     DifferenceErrorModel,
-    FleetConfig,
     LinkKey,
     LinkKind,
-    Localizer,
-    Mount,
     OdometryErrorModel,
     RejectionReason,
 )
+from dg_localization.fleet.rotations import yaw_of
 
 STEPS = int(os.environ.get('DG_HISTORY_STEPS', '240'))
 SECONDS = 8.0
@@ -45,23 +42,19 @@ def test_the_truth_is_never_lost_where_nothing_else_is_measured(seed, dimension)
 class Listener:
     """A robot that circles among anchors: right odometry, and differences at their bounds."""
 
-    def __init__(self, dimension=2, anchors=None, heights_m=(0.0, 0.0), stated_m=ERROR_M, **given):
-        pad = (0.0,) * (dimension - 2)
-        self.places_m = {
-            name: np.array([*place_m, heights_m[1]]) for name, place_m in ANCHORS_M.items()
-        }
-        self.config = FleetConfig(
-            robots=('r',),
+    def __init__(self, dimension=2, places_m=ANCHORS_M, height_m=0.0, stated_m=ERROR_M, **given):
+        self.places_m = {name: in_space(place_m) for name, place_m in places_m.items()}
+        self.localizer = new_localizer(
+            'r',
+            {name: place_m[:dimension] for name, place_m in self.places_m.items()},
             dimension=dimension,
-            anchors=anchors or {name: Anchor((*p, *pad)) for name, p in ANCHORS_M.items()},
-            mounts={'r': {'tag': Mount((*TAG_M, *pad))}},
+            mounts={'r': {'tag': in_space(TAG_M)[:dimension]}},
             range_difference_error=DifferenceErrorModel(-stated_m, stated_m),
             odometry_error=OdometryErrorModel(0.01, 0.0, 0.005, 0.01, 0.002, 0.002, tilt_rad=0.0),
             memory_max_seconds=math.inf,
             **given,
         )
-        self.localizer, self.height_m = Localizer(self.config), heights_m[0]
-        self.rng = np.random.default_rng(7)
+        self.height_m, self.rng = height_m, np.random.default_rng(7)
 
     def pose(self, time_s):
         """Return the place (3,) and the yaw."""
@@ -89,15 +82,12 @@ class Listener:
     def assert_placed(self, estimate, width_m):
         (placement,) = estimate.placements
         place_m, yaw = self.pose(estimate.stamp_s)
-        low_m, high_m = placement.enclosure_m[0]
-        q = len(low_m)
-        assert np.all(low_m <= place_m[:q]) and np.all(place_m[:q] <= high_m)
-        assert np.all(high_m - low_m < width_m)
+        q = placement.positions_m.shape[1]
+        assert not missing(placement, place_m[:q], [turn(2, yaw)])
+        assert np.ptp(placement.enclosure_m[0], axis=0).max() < width_m
         if q == 2:
             assert np.linalg.norm(placement.positions_m[0] - place_m[:2]) < 0.15
-        z, w = placement.orientations_xyzw[0, 2:]
-        off_rad = abs(math.remainder(2.0 * math.atan2(z, w) - yaw, math.tau))
-        assert off_rad <= placement.heading_half_width_rad[0] < 0.3
+        assert placement.heading_half_width_rad[0] < 0.3
 
 
 @pytest.mark.parametrize('window_outliers', [0, 1])
@@ -118,30 +108,19 @@ def test_bounds_that_are_too_narrow_are_noticed(share):
         listener.measure(time_s)
         estimate = listener.localizer.step(time_s)
         place_m = listener.pose(time_s)[0][:2]
-        wrong.append(
-            bool(estimate.forgotten)
-            or any(
-                np.any((place_m < one.enclosure_m[0, 0]) | (one.enclosure_m[0, 1] < place_m))
-                for one in estimate.placements
-            )
-        )
+        wrong += [*estimate.forgotten, *(missing(one, place_m) for one in estimate.placements)]
     assert any(wrong) == (share < 1.0)
 
 
 def test_in_space_a_tag_places_its_robot():
-    listener = Listener(
-        dimension=3,
-        heights_m=(1.0, 0.0),
-        anchors={name: Anchor((*p, 0.0)) for name, p in ANCHORS_M.items()}
-        | {'e': Anchor((0.0, 0.0, 4.0))},
-    )
-    listener.places_m['e'] = np.array([0.0, 0.0, 4.0])
+    listener = Listener(3, {**ANCHORS_M, 'e': (0.0, 0.0, 4.0)}, height_m=1.0)
     listener.assert_placed(listener.run(8.0), 1.0)
 
 
 def test_anchors_may_be_above_the_plane():
     elevations_m = {'r': (0.0, 0.2), **dict.fromkeys(ANCHORS_M, (3.0, 3.0))}
-    listener = Listener(heights_m=(0.1, 3.0), elevations_m=elevations_m)
+    places_m = {name: (*place_m, 3.0) for name, place_m in ANCHORS_M.items()}
+    listener = Listener(2, places_m, height_m=0.1, elevations_m=elevations_m)
     listener.assert_placed(listener.run(5.0), 0.4)
 
 
@@ -167,14 +146,13 @@ def test_differences_that_contradict_themselves_are_left_out():
 @pytest.mark.parametrize('hears', [True, False])
 def test_a_robot_that_hears_two_sensors_of_another_tells_how_that_is_turned(hears):
     """Ranges alone do not tell, as it drives in a circle about the other one."""
-    config = FleetConfig(
-        robots=('r', 's'),
+    localizer = new_localizer(
+        ('r', 's'),
         mounts={'s': {'left': (0.0, 3.0), 'right': (0.0, -3.0)}},
         range_difference_error=DifferenceErrorModel(-0.02, 0.02),
-        odometry_error=OdometryErrorModel(),
+        odometry_error={},
         memory_max_seconds=math.inf,
     )
-    localizer = Localizer(config)
     for step in range(40):
         time_s, angle = NOW_S + 0.1 * step, 0.05 * step
         place_m = np.array([4.0 * math.cos(angle), 4.0 * math.sin(angle), 0.0])
@@ -188,12 +166,12 @@ def test_a_robot_that_hears_two_sensors_of_another_tells_how_that_is_turned(hear
     estimate = localizer.step(time_s)
     # r is at the origin, and sees s along x.
     yaw_rad = -math.atan2(*-place_m[1::-1])
-    turned = []
-    for placement in estimate.placements:
-        half_width_rad = placement.heading_half_width_rad[1]
-        z, w = placement.orientations_xyzw[1, 2:]
-        off_rad = abs(math.remainder(2.0 * math.atan2(z, w) - yaw_rad, math.tau))
-        turned.append(off_rad <= half_width_rad < 0.5)
+    turned = [
+        half_width_rad < 0.5
+        and abs(math.remainder(yaw_of(xyzw) - yaw_rad, math.tau)) <= half_width_rad
+        for one in estimate.placements
+        for xyzw, half_width_rad in [(one.orientations_xyzw[1], one.heading_half_width_rad[1])]
+    ]
     assert any(turned) == hears
 
 
@@ -209,12 +187,10 @@ def test_a_robot_that_hears_two_sensors_of_another_tells_how_that_is_turned(hear
     ],
 )
 def test_what_says_nothing_is_refused_with_its_reason(ends, difference_m, reason, text):
-    localizer = Localizer(
-        FleetConfig(
-            robots=('r', 's'),
-            anchors=anchors_at(ANCHORS_M),
-            mounts={'r': {'tag': TAG_M}},
-        )
+    localizer = new_localizer(
+        ('r', 's'),
+        anchors=ANCHORS_M,
+        mounts={'r': {'tag': TAG_M}},
     )
     rejection = localizer.add_range_difference(*ends, difference_m, NOW_S, NOW_S)
     assert rejection.reason is reason and text in str(rejection)

@@ -5,29 +5,25 @@
 
 import numpy as np
 import pytest
-from sensing import add_ranges, anchors_at
+from sensing import add_ranges, anchors_at, new_localizer
 from shapes import holds, missing
 
 from dg_localization import Verdict
-from dg_localization.fleet import Anchor, FleetConfig, Localizer, RangeErrorModel
-
-ERROR = RangeErrorModel(-0.05, 0.05, 0.0, 0.0)
 
 
-def answer(anchors, places, peers=(), **settings):
-    """Return the answer to ranges of robots to all anchors and to some peers."""
+def answer(anchors, places, peers=(), seen=(), bound_m=0.0, **settings):
+    """Return the answer to ranges of robots to anchors, all or those seen, and to some peers."""
     rng = np.random.default_rng(5)
-    config = FleetConfig(
-        tuple(places),
-        anchors=anchors_at(anchors),
-        range_error=ERROR,
+    localizer = new_localizer(
+        places,
+        anchors=anchors_at(anchors, bound_m),
+        range_error=(-0.05, 0.05, 0.0, 0.0),
         memory_s=0.0,
         max_speed_m_s=0.0,
         **settings,
     )
-    localizer = Localizer(config)
     points = {**anchors, **places}
-    links = [(robot, anchor) for robot in places for anchor in anchors]
+    links = [(robot, anchor) for robot in places for anchor in seen or anchors]
     for observer, target in (*links, *peers):
         aim = {target: points[target]}
         add_ranges(localizer, observer, points[observer], aim, 100.0, rng.uniform(-0.04, 0.04))
@@ -100,23 +96,10 @@ MAP = {f'a{k}': (1.7 * (k % 4), 2.9 * (k // 4) + 0.3 * (k % 3)) for k in range(1
 SEEN = ('a1', 'a6', 'a9')
 
 
-def localizer(anchors, bound_m):
-    config = FleetConfig(
-        robots=tuple(TRUTH),
-        anchors={name: Anchor(MAP[name], bound_m) for name in anchors},
-        range_error=RangeErrorModel(min_error_m=-0.1, max_error_m=0.1),
-        max_age_s=1.0,
-    )
-    found = Localizer(config)
-    for robot, place in TRUTH.items():
-        add_ranges(found, robot, place, {anchor: MAP[anchor] for anchor in SEEN}, 1.0, 0.04)
-    return found
-
-
 @pytest.mark.parametrize('bound_m', [0.0, 0.02])
 def test_idle_anchors_change_no_answer_and_keep_their_places(bound_m):
-    estimate = localizer(MAP, bound_m).step(1.0)
-    alone = localizer(SEEN, bound_m).step(1.0)
+    estimate = answer(MAP, TRUTH, seen=SEEN, bound_m=bound_m)
+    alone = answer({name: MAP[name] for name in SEEN}, TRUTH, bound_m=bound_m)
     assert estimate.verdict is alone.verdict is Verdict.COVERED
     (placement,), (other,) = estimate.placements, alone.placements
     assert placement.enclosure_m == pytest.approx(other.enclosure_m, abs=1e-9)

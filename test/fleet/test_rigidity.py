@@ -9,15 +9,9 @@ import re
 
 import numpy as np
 import pytest
-from sensing import add_odometry, add_ranges, anchors_at
+from sensing import add_odometry, add_ranges, new_localizer
 
-from dg_localization import SolverOptions, Verdict
-from dg_localization.fleet import (
-    FleetConfig,
-    Localizer,
-    OdometryErrorModel,
-    RangeErrorModel,
-)
+from dg_localization import Verdict
 
 NOW_S = 10.0
 TWO_FOURS = {
@@ -48,10 +42,10 @@ def localizer_of(places, pairs, **settings):
         'robots': tuple(places),
         'max_speed_m_s': 0.0,
         'max_turn_rate_rad_s': 0.0,
-        'range_error': RangeErrorModel(min_error_relative=-1e-3, max_error_relative=1e-3),
-        'solver': SolverOptions(resolution=0.05, max_boxes=200),
+        'range_error': (0.0, 0.0, -1e-3, 1e-3),
+        'solver': {'resolution': 0.05, 'max_boxes': 200},
     }
-    localizer = Localizer(FleetConfig(**{**defaults, **settings}))
+    localizer = new_localizer(**{**defaults, **settings})
     for first, second in pairs:
         add_ranges(localizer, first, places[first], {second: places[second]}, NOW_S)
     return localizer
@@ -154,10 +148,10 @@ def drawn_fleet(rng, dimension):
                 body_of[f'{robot}/{sensor}'] = robot
     settings = {
         'robots': tuple(robots),
-        'anchors': anchors_at({name: places[name] for name in anchors}),
+        'anchors': {name: places[name] for name in anchors},
         'mounts': mounts,
         'dimension': dimension,
-        'solver': SolverOptions(resolution=0.05, max_boxes=30),
+        'solver': {'resolution': 0.05, 'max_boxes': 30},
         'max_hypotheses': 2,
     }
     measuring = [name for name in places if name not in mounts]
@@ -237,13 +231,8 @@ RING_ANCHORS = {
 def estimate_after(dimension, heard, *, memory, moves=False, anchors=RING_ANCHORS):
     """Return the estimate of a robot after 8 s, in each of which it heard some anchors."""
     anchors = {name: place[:dimension] for name, place in anchors.items()}
-    config = FleetConfig(
-        robots=('r',),
-        anchors=anchors_at(anchors),
-        dimension=dimension,
-        odometry_error=OdometryErrorModel(0.05, rotation_per_rad=0.05, tilt_rad=0.01),
-    )
-    localizer = Localizer(config)
+    error = {'translation_per_m': 0.05, 'rotation_per_rad': 0.05, 'tilt_rad': 0.01}
+    localizer = new_localizer('r', anchors, dimension=dimension, odometry_error=error)
     for second, names in enumerate(heard):
         now_s = NOW_S + second
         place_m = (3.0 + 0.4 * second * moves, 2.0, 1.0)

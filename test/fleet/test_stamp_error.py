@@ -7,16 +7,10 @@ import math
 
 import numpy as np
 import pytest
-from sensing import add_odometry, add_ranges, anchors_at, ray
+from sensing import add_odometry, add_ranges, new_localizer, ray
 from shapes import holds
 
-from dg_localization import SolverOptions, Verdict
-from dg_localization.fleet import (
-    FleetConfig,
-    Localizer,
-    OdometryErrorModel,
-    RangeErrorModel,
-)
+from dg_localization import Verdict
 from dg_localization.fleet.rotations import yaw_of
 
 ANCHORS_M = {'a0': (0.0, 0.0), 'a1': (8.0, 0.0), 'a2': (3.0, 7.0)}
@@ -33,18 +27,16 @@ class Circling:
     def __init__(self, ahead_s, with_odometry, **settings):
         self.ahead_s = ahead_s
         self.with_odometry = with_odometry
-        self.localizer = Localizer(
-            FleetConfig(
-                robots=('r',),
-                anchors=anchors_at(ANCHORS_M),
-                range_error=RangeErrorModel(-1e-4, 1e-4, 0.0, 0.0),
-                max_speed_m_s=1.01 * SPEED_M_S,
-                max_turn_rate_rad_s=1.01 * SPEED_M_S / CIRCLE_M,
-                odometry_error=OdometryErrorModel(1e-3, 0.0, 0.0, 1e-3),
-                memory_max_seconds=math.inf,
-                solver=SolverOptions(resolution=0.2, max_boxes=60),
-                **settings,
-            )
+        self.localizer = new_localizer(
+            ('r',),
+            anchors=ANCHORS_M,
+            range_error=(-1e-4, 1e-4, 0.0, 0.0),
+            max_speed_m_s=1.01 * SPEED_M_S,
+            max_turn_rate_rad_s=1.01 * SPEED_M_S / CIRCLE_M,
+            odometry_error=(1e-3, 0.0, 0.0, 1e-3),
+            memory_max_seconds=math.inf,
+            solver={'resolution': 0.2, 'max_boxes': 60},
+            **settings,
         )
 
     def pose(self, time_s):
@@ -86,17 +78,15 @@ def test_stamps_that_are_more_wrong_than_is_stated_are_noticed(with_odometry):
 
 def turning(**settings):
     """Return a localizer of a robot that turns on the spot among anchors, with a camera."""
-    return Localizer(
-        FleetConfig(
-            robots=('r',),
-            anchors=anchors_at(ANCHORS_M),
-            range_error=RangeErrorModel(-1e-3, 1e-3, 0.0, 0.0),
-            bearing_half_width_rad=0.005,
-            max_speed_m_s=0.0,
-            max_turn_rate_rad_s=1.01,
-            memory_s=0.0,
-            **settings,
-        )
+    return new_localizer(
+        ('r',),
+        anchors=ANCHORS_M,
+        range_error=(-1e-3, 1e-3, 0.0, 0.0),
+        bearing_half_width_rad=0.005,
+        max_speed_m_s=0.0,
+        max_turn_rate_rad_s=1.01,
+        memory_s=0.0,
+        **settings,
     )
 
 

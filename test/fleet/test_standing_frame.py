@@ -8,10 +8,10 @@ import math
 from circling import START_S, Circling
 import numpy as np
 import pytest
-from sensing import add_odometry
+from sensing import add_odometry, new_localizer
 from shapes import holds
 
-from dg_localization.fleet import FleetConfig, Localizer, OdometryErrorModel
+from dg_localization.fleet import OdometryErrorModel
 
 
 def circling(**settings):
@@ -112,7 +112,7 @@ def test_odometry_that_starts_anew_has_another_frame():
 
 @pytest.mark.parametrize(('tilt_rad', 'kind'), [(0.15, 'odometry'), (0.25, 'heading')])
 def test_a_tilted_odometry_frame_does_not_fit_the_plane(tilt_rad, kind):
-    localizer = Localizer(FleetConfig(robots=('a', 'b')))
+    localizer = new_localizer(('a', 'b'))
     orientation = [math.sin(tilt_rad / 2.0), 0.0, 0.0, math.cos(tilt_rad / 2.0)]
     localizer.add_odometry('a', [1.0, 2.0, 3.0], orientation, START_S, START_S, 'odom')
     localizer.add_range('a', 'b', 3.0, START_S, START_S)
@@ -123,9 +123,7 @@ def test_a_tilted_odometry_frame_does_not_fit_the_plane(tilt_rad, kind):
 def test_old_odometry_widens_the_answer():
     widths_m = []
     for age_s in (0.0, 0.2):
-        localizer = Localizer(
-            FleetConfig(robots=('a', 'b'), max_speed_m_s=0.5, max_turn_rate_rad_s=1.0)
-        )
+        localizer = new_localizer(('a', 'b'), max_speed_m_s=0.5, max_turn_rate_rad_s=1.0)
         now_s = START_S + age_s
         add_odometry(localizer, 'a', (1.0, 2.0), START_S, 0.5, frame='odom')
         localizer.add_range('a', 'b', 3.0, now_s, now_s)

@@ -6,16 +6,16 @@
 import math
 
 import pytest
-from sensing import add_odometry
+from sensing import add_odometry, new_localizer
 
-from dg_localization.fleet import FleetConfig, LinkKey, LinkKind, Localizer, RejectionReason
+from dg_localization.fleet import LinkKey, LinkKind, RejectionReason
 
 START_S = 100.0
 
 
 def watched(value_of, motion, count=30, **settings):
     """Return a localizer, and what it says of an input after some readings of it."""
-    localizer = Localizer(FleetConfig(('a', 'b'), stuck_readings=10, **settings))
+    localizer = new_localizer(('a', 'b'), stuck_readings=10, **settings)
     for step in range(count):
         now_s = START_S + 0.1 * step
         for robot, (x_m, yaw_rad) in motion(step).items():

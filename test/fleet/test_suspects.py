@@ -9,16 +9,13 @@ import re
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
-from sensing import anchors_at, ray
+from sensing import new_localizer, ray
 from shapes import holds
 
-from dg_localization import SolverOptions, Verdict
+from dg_localization import Verdict
 from dg_localization.fleet import (
-    FleetConfig,
     LinkKey,
     LinkKind,
-    Localizer,
-    RangeErrorModel,
     SuspectKind,
 )
 
@@ -34,15 +31,15 @@ PAIRS = [(robot, other) for robot in ROBOTS for other in PLACES if other != robo
 def make_localizer(**settings):
     defaults = {
         'robots': ROBOTS,
-        'anchors': anchors_at(ANCHORS),
+        'anchors': ANCHORS,
         'max_speed_m_s': 0.0,
-        'range_error': RangeErrorModel(min_error_relative=-0.02, max_error_relative=0.02),
+        'range_error': (0.0, 0.0, -0.02, 0.02),
         'bearing_half_width_rad': 0.02,
-        'solver': SolverOptions(resolution=0.1, max_boxes=200),
+        'solver': {'resolution': 0.1, 'max_boxes': 200},
         'max_conflict_solves': 1000,
         'max_conflict_seconds': 60.0,
     }
-    return Localizer(FleetConfig(**{**defaults, **settings}))
+    return new_localizer(**{**defaults, **settings})
 
 
 def range_m(observer, target):
@@ -119,7 +116,7 @@ def test_repeat_offenders_are_counted_for_a_minute():
 def test_two_anchors_that_are_exchanged_are_named_together(unit):
     exchanged = {**ANCHORS, 'm': ANCHORS['p'], 'p': ANCHORS['m']}
     localizer = make_localizer(
-        anchors=anchors_at(exchanged),
+        anchors=exchanged,
         outlier_unit=unit,
         max_outliers=1,
     )
@@ -162,7 +159,7 @@ def test_wrong_observations_that_are_exposed_never_cost_the_truth(
     elsewhere = places + rng.uniform(-4.0, 4.0, places.shape) if agreeing else None
     localizer = make_localizer(
         robots=tuple(points[:robots]),
-        anchors=anchors_at(dict(zip(points[robots:], places[robots:], strict=True))),
+        anchors=dict(zip(points[robots:], places[robots:], strict=True)),
         max_outliers=wrong,
         max_hypotheses=5000,
     )

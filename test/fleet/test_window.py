@@ -10,12 +10,11 @@ from threading import Event
 from circling import START_S, Circling
 import numpy as np
 import pytest
+from sensing import new_localizer
 
 from dg_localization import Verdict
 from dg_localization.fleet import (
     Anchor,
-    FleetConfig,
-    Localizer,
 )
 from dg_localization.fleet.constraints.constrain import constrain
 from dg_localization.fleet.estimation import estimate_snapshot
@@ -301,7 +300,7 @@ def test_a_jump_back_in_time_forgets():
 
 
 def test_the_memory_is_bounded():
-    localizer = Localizer(FleetConfig(robots=('a', 'b'), memory_s=2.0))
+    localizer = new_localizer(('a', 'b'), memory_s=2.0)
     for step in range(5000):
         now_s = 1.0 + 0.005 * step
         localizer.add_range('a', 'b', 3.0, now_s, now_s)

@@ -5,11 +5,10 @@
 
 import numpy as np
 import pytest
-from sensing import add_odometry, add_ranges, anchors_at
+from sensing import add_odometry, add_ranges, new_localizer
 from shapes import holds, missing
 
 from dg_localization import Verdict
-from dg_localization.fleet import FleetConfig, Localizer, RangeErrorModel
 
 TICKS = 12
 ANCHORS_M = {
@@ -26,15 +25,13 @@ def estimates(
 ):
     """Yield estimates of a robot with odometry, and where it truly is."""
     anchors_m = {name: place[:dimension] for name, place in [*ANCHORS_M.items()][:n_anchors]}
-    localizer = Localizer(
-        FleetConfig(
-            ('r1',),
-            dimension=dimension,
-            anchors=anchors_at(anchors_m),
-            range_error=RangeErrorModel(-0.05, 0.3, 0.0, 0.0),
-            max_speed_m_s=0.5,
-            **settings,
-        )
+    localizer = new_localizer(
+        ('r1',),
+        dimension=dimension,
+        anchors=anchors_m,
+        range_error=(-0.05, 0.3, 0.0, 0.0),
+        max_speed_m_s=0.5,
+        **settings,
     )
     for tick in range(TICKS):
         for step in range(5):
@@ -87,13 +84,11 @@ def test_the_first_readings_of_a_pair_are_not_trusted_either(others):
     """They are stamped after the answer: of the pair nothing is remembered by then."""
     places_m = {'r0': (3.0, 2.0), 'r1': (4.0, 5.0)}
     anchors_m = {'west': (0.0, 0.0), 'east': (10.0, 0.0), 'north': (4.0, 8.0)}
-    localizer = Localizer(
-        FleetConfig(
-            robots=tuple(places_m),
-            anchors=anchors_at(anchors_m),
-            range_error=RangeErrorModel(min_error_m=-0.1, max_error_m=0.1),
-            window_outliers=1,
-        )
+    localizer = new_localizer(
+        tuple(places_m),
+        anchors=anchors_m,
+        range_error=(-0.1, 0.1, -0.03, 0.03),
+        window_outliers=1,
     )
 
     stamps_s = 100.0 + 0.1 * np.arange(20)

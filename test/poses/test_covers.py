@@ -7,7 +7,7 @@ from functools import partial
 import math
 
 import numpy as np
-from pair_cases import random_case, turn
+from pair_cases import random_case
 from plain_python import in_plain_python
 import pytest
 
@@ -45,28 +45,6 @@ def test_a_ring():
     assert cover.hull.yaw_width_rad == pytest.approx(2 * math.pi)
     assert cover.volume == pytest.approx(2.0 * math.pi**2 * (4.5**2 - 3.5**2), rel=0.05)
     assert not cover.contains(np.array([3.0, 0.0, 0.0]), 1.0)
-
-
-def test_rays_of_three_landmarks_fix_a_pose_without_ranges():
-    landmarks = np.array([[0.0, 0.0, 0.0], [5.0, 0.0, 0.0], [0.0, 5.0, 0.0]])
-    position, yaw = np.array([2.0, 3.0, 0.0]), 0.7
-    rays = turn(-yaw, landmarks - position)
-    readings = PairReadings.of(
-        points(landmarks),
-        points(np.zeros((3, 3))),
-        Interval(np.zeros(3), np.full(3, 20.0)),
-        rays,
-        np.full(3, 0.02),
-        True,
-    )
-    cover = cover_poses(readings, PairOptions(resolution_m=0.05))
-    assert cover.contains(position, yaw)
-    assert np.all(cover.hull.widths_m < 0.8) and cover.hull.yaw_width_rad < 0.3
-    unbounded = PairReadings.of(
-        points(landmarks), points(np.zeros((3, 3))), None, rays, np.full(3, 0.02), True
-    )
-    cover = cover_poses(unbounded)
-    assert not cover.bounded and not cover.refined and cover.contains(position, yaw)
 
 
 def test_boxes_touch_across_the_half_turn_only_where_they_do():

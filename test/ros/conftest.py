@@ -22,11 +22,7 @@ import pytest
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
-from geometry_msgs.msg import (  # noqa: E402
-    PoseArray,
-    PoseWithCovarianceStamped,
-    Vector3Stamped,
-)
+from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped  # noqa: E402
 from lifecycle_msgs.srv import ChangeState, GetState  # noqa: E402
 from processes import start  # noqa: E402
 import rclpy  # noqa: E402
@@ -36,16 +32,17 @@ from rclpy.node import Node  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
-from sensor_msgs.msg import PointCloud2, Range  # noqa: E402
 from std_msgs.msg import ByteMultiArray  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 from dg_localization.fleet import Localizer, warm_up  # noqa: E402
+from dg_localization.fleet.rotations import quaternion_of_yaw  # noqa: E402
 from dg_localization.ros.node.localizer import LocalizerNode  # noqa: E402
 from msg_adapters import (  # noqa: E402
     BearingReading,
     Level,
+    OdometryReading,
     PeersReading,
     RangeReading,
     adapter_for,
@@ -57,9 +54,6 @@ TRIANGLE = {('robot_1', 'robot_2'): 3.0, ('robot_1', 'robot_3'): 4.0, ('robot_2'
 DEADLINE_S = 60.0
 SEND_PERIOD_S = 0.1
 
-range_to_message = adapter_for('sensor_msgs/msg/Range').to_message
-bearing_to_message = adapter_for('geometry_msgs/msg/Vector3Stamped').to_message
-peers_to_message = adapter_for('sensor_msgs/msg/PointCloud2').to_message
 diagnostics_from_message = adapter_for('diagnostic_msgs/msg/DiagnosticArray').from_message
 poses_from_message = adapter_for('geometry_msgs/msg/PoseArray').from_message
 pose_from_message = adapter_for('geometry_msgs/msg/PoseWithCovarianceStamped').from_message
@@ -230,24 +224,34 @@ class Bench:
             self.until(lambda: publisher.get_subscription_count(), f'a subscription to {topic}')
         return self._publishers[topic]
 
+    def send(self, type_name, topic, value):
+        """Send the message of a plain value."""
+        adapter = adapter_for(type_name)
+        self.publisher(adapter.message_class(), topic).publish(adapter.to_message(value))
+
+    def stamp_s(self, stamp_s):
+        return self.now_s() if stamp_s is None else stamp_s
+
     def send_range(self, observer, target, range_m, stamp_s=None, topic=None, **limits):
-        topic = topic or f'/{observer}/range/{target}'
-        stamp_s = self.now_s() if stamp_s is None else stamp_s
-        message = range_to_message(RangeReading(stamp_s, range_m, **limits))
-        self.publisher(Range, topic).publish(message)
+        reading = RangeReading(self.stamp_s(stamp_s), range_m, **limits)
+        self.send('sensor_msgs/msg/Range', topic or f'/{observer}/range/{target}', reading)
 
     def send_bearing(self, observer, target, ray, stamp_s=None):
-        stamp_s = self.now_s() if stamp_s is None else stamp_s
-        message = bearing_to_message(BearingReading(stamp_s, ray))
-        self.publisher(Vector3Stamped, f'/{observer}/bearing/{target}').publish(message)
+        reading = BearingReading(self.stamp_s(stamp_s), ray)
+        self.send('geometry_msgs/msg/Vector3Stamped', f'/{observer}/bearing/{target}', reading)
 
-    def send_peers(self, observer, peers, stamp_s=None):
+    def send_odometry(self, robot, place_m, yaw_rad=0.0, stamp_s=None):
+        pose = np.array([*place_m, 0.0]), quaternion_of_yaw(yaw_rad)
+        frames = f'{robot}/odom', f'{robot}/base'
+        reading = OdometryReading(self.stamp_s(stamp_s), *pose, *frames)
+        self.send('nav_msgs/msg/Odometry', f'/{robot}/odom', reading)
+
+    def send_peers(self, observer, peers):
         """Send {index of the peer: (range in m, ray)}."""
-        stamp_s = self.now_s() if stamp_s is None else stamp_s
         ranges_m = np.array([range_m for range_m, _ in peers.values()])
         rays = np.array([ray for _, ray in peers.values()]).reshape(-1, 3)
-        message = peers_to_message(PeersReading(stamp_s, np.array(list(peers)), ranges_m, rays))
-        self.publisher(PointCloud2, f'/{observer}/peers').publish(message)
+        reading = PeersReading(self.now_s(), np.array(list(peers)), ranges_m, rays)
+        self.send('sensor_msgs/msg/PointCloud2', f'/{observer}/peers', reading)
 
     def send_clock(self, time_s):
         clock = Clock()
@@ -275,10 +279,10 @@ class Bench:
         """Keep sending the ranges of three robots."""
         self.sending = [partial(self.send_triangle, **stamp)]
 
-    def until_placements(self, number):
-        """Wait for so many placements of three robots."""
+    def until_placements(self, number, robots=3):
+        """Wait for so many placements of so many robots."""
         self.until(
-            lambda: self.heard.fleet and len(self.heard.fleet[-1].poses) == number * 3,
+            lambda: self.heard.fleet and len(self.heard.fleet[-1].poses) == number * robots,
             f'{number} placements',
         )
 

@@ -70,10 +70,7 @@ def test_ranges_alone_give_the_eight_solutions_and_their_mirror_images(fresh, pa
     assert {'intake_s', 'memory_s', 'moment_s', 'narrow_and_fit_s'} <= status.values.keys()
     # Before all pairs had measured, the fleet was another one.
     fresh.clear()
-    fresh.until(
-        lambda: fresh.heard.fleet and len(fresh.heard.fleet[-1].poses) == 16 * 6,
-        'sixteen placements',
-    )
+    fresh.until_placements(16, robots=6)
     found = [gaps_m(positions) for positions in hypotheses(fresh)]
     for solution in paper_fleet.solutions:
         errors = [
@@ -120,9 +117,7 @@ def test_peers_in_one_message_give_the_same_answers_as_a_topic_each(fresh, paper
         )
         fresh.until_status('fleet', Level.OK, 'one hypothesis')
         fresh.clear()
-        fresh.until(
-            lambda: fresh.heard.fleet and len(fresh.heard.fleet[-1].poses) == 6, 'a placement'
-        )
+        fresh.until_placements(1, robots=6)
         answers_m.append(hypotheses(fresh))
     # The readings are the same, their ages are not.
     assert np.abs(answers_m[0] - answers_m[1]).max() < 0.1

@@ -40,10 +40,7 @@ def test_example_of_the_readme_localizes(bench, start_localizer, tmp_path, monke
             bench.publisher(Float32, topic).publish(Float32(data=centimetres))
 
     bench.repeat(send)
-    bench.until(
-        lambda: bench.heard.fleet and len(bench.heard.fleet[-1].poses) == 2 * 3,
-        'the triangle and its mirror image',
-    )
+    bench.until_placements(2)
     # Sides 3, 4 and 5 m long, b on the x axis of a, c on either side.
     positions_m = bench.last_poses().positions_m.reshape(2, 3, 3)
     assert sorted(positions_m[:, 2, 1]) == pytest.approx([-4.0, 4.0], abs=0.6)

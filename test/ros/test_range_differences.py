@@ -6,11 +6,9 @@
 import math
 
 from heard_poses import assert_holds, half_widths_of, pose_from_message
-from nav_msgs.msg import Odometry
 import numpy as np
-from sensor_msgs.msg import PointCloud2
 
-from msg_adapters import Level, OdometryReading, PeersReading, adapter_for
+from msg_adapters import Level, PeersReading
 
 ANCHORS_M = {'a': [-4.0, -3.0], 'b': [4.0, -4.0], 'c': [3.0, 4.0], 'd': [-3.0, 3.0]}
 TAG_M = [0.4, 0.1]
@@ -35,9 +33,7 @@ class Circling:
         self.now_s += 0.1
         self.bench.send_clock(self.now_s)
         place_m, yaw = self.pose(self.now_s)
-        orientation = np.array([0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)])
-        reading = OdometryReading(self.now_s, np.array([*place_m, 0.0]), orientation)
-        self._publish(Odometry, '/robot_1/odom', reading)
+        self.bench.send_odometry('robot_1', place_m, yaw, self.now_s)
         c, s = math.cos(yaw), math.sin(yaw)
         tag_m = place_m + np.array([[c, -s], [s, c]]) @ TAG_M
         far_m = [math.dist(tag_m, place) for place in ANCHORS_M.values()]
@@ -53,12 +49,7 @@ class Circling:
             references=np.ones(3, int),
             differences_m=differences_m,
         )
-        self._publish(PointCloud2, '/robot_1/tag/peers', heard)
-
-    def _publish(self, message_class, topic, reading):
-        name = f'{message_class.__module__.partition(".")[0]}/msg/{message_class.__name__}'
-        message = adapter_for(name).to_message(reading)
-        self.bench.publisher(message_class, topic).publish(message)
+        self.bench.send('sensor_msgs/msg/PointCloud2', '/robot_1/tag/peers', heard)
 
 
 def test_a_tag_that_hears_anchors_places_its_robot(bench, make_node):

@@ -7,7 +7,6 @@ from importlib.util import find_spec
 import math
 
 from estimates import placement_at
-from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 
@@ -19,20 +18,16 @@ from dg_localization.fleet import (
     OdometryErrorModel,
 )
 from dg_localization.fleet.motion import Motion
-from dg_localization.fleet.rotations import rotation_of_quaternion
+from dg_localization.fleet.rotations import quaternion_of_yaw, rotation_of_quaternion
 from dg_localization.fleet.vocabulary import OdometrySample as Pose
 from dg_localization.ros.interface.parameters.spec import WrongParameterError
 from dg_localization.ros.interface.poses import transforms
-from msg_adapters import Level, OdometryReading, adapter_for
+from msg_adapters import Level
 from msg_adapters.headers import xyz_from_message, xyzw_from_message
 from msg_adapters.poses import Transform
 
 STAMP_S = 100.0
 ANCHORED = FixedFrame(FrameKind.ANCHORS, ('p', 'q', 'r'))
-
-
-def yaw_xyzw(yaw_rad):
-    return np.array([0.0, 0.0, math.sin(0.5 * yaw_rad), math.cos(0.5 * yaw_rad)])
 
 
 def odometry_of(*poses, frame='a/odom', xyzw=None, z=0.0):
@@ -41,7 +36,7 @@ def odometry_of(*poses, frame='a/odom', xyzw=None, z=0.0):
         Pose(
             stamp_s,
             np.array([x, y, z]),
-            rotation_of_quaternion(yaw_xyzw(yaw_rad) if xyzw is None else xyzw),
+            rotation_of_quaternion(quaternion_of_yaw(yaw_rad) if xyzw is None else xyzw),
             frame,
         )
         for stamp_s, x, y, yaw_rad in poses
@@ -56,7 +51,7 @@ def estimate(frame=ANCHORED, n_hypotheses=1, yaws_rad=(0.5 * math.pi, 0.0), know
     """Return an estimate of robot a at (3, 4), robot b at (1, 0)."""
     placed = placement_at(
         [[3.0, 4.0], [1.0, 0.0]],
-        orientations_xyzw=np.array([yaw_xyzw(yaw) for yaw in yaws_rad]),
+        orientations_xyzw=np.array([quaternion_of_yaw(yaw) for yaw in yaws_rad]),
         heading_known=np.array(known),
         heading_half_width_rad=np.array([0.1, 0.1]),
     )
@@ -87,8 +82,8 @@ def test_a_chain_of_transforms_ends_at_the_body():
         rotation = rotation_of_quaternion(found.rotation_xyzw)
         body_m = found.translation_m + rotation @ [x + 0.1 * fraction, y, 0.0]
         assert body_m == pytest.approx([3.0, 4.0, 0.0])
-        body = rotation @ rotation_of_quaternion(yaw_xyzw(yaw + 0.2 * fraction))
-        assert body == pytest.approx(rotation_of_quaternion(yaw_xyzw(turned)))
+        body = rotation @ rotation_of_quaternion(quaternion_of_yaw(yaw + 0.2 * fraction))
+        assert body == pytest.approx(rotation_of_quaternion(quaternion_of_yaw(turned)))
 
 
 def at(*stamps_s):
@@ -197,14 +192,6 @@ def make_anchored_node(make_node, **parameters):
     )
 
 
-def send_odometry(bench, x, y, stamp_s=None):
-    """Send odometry of robot_1 whose axes are those of its body."""
-    pose = np.array([x, y, 0.0]), yaw_xyzw(0.0), 'robot_1/odom', 'robot_1/base'
-    moved = OdometryReading(bench.now_s() if stamp_s is None else stamp_s, *pose)
-    to_message = adapter_for('nav_msgs/msg/Odometry').to_message
-    bench.publisher(Odometry, '/robot_1/odom').publish(to_message(moved))
-
-
 def place_of_odometry(x, y):
     """Return where a frame is in which robot_1 is at (x, y)."""
     c, s = math.cos(YAW_RAD), math.sin(YAW_RAD)
@@ -218,7 +205,7 @@ def test_the_node_places_the_body_and_falls_silent_with_its_sensors(bench, make_
     ((entry,), *_) = heard
     assert (entry.frame_id, entry.child_frame_id) == ('map', 'robot_1/base_link')
     assert entry.translation_m[:2] == pytest.approx(PLACE, abs=0.4)
-    assert abs(entry.rotation_xyzw @ yaw_xyzw(YAW_RAD)) > math.cos(0.1)
+    assert abs(entry.rotation_xyzw @ quaternion_of_yaw(YAW_RAD)) > math.cos(0.1)
     bench.repeat()
     bench.until_status('fleet', Level.WARN, 'stale')
     del heard[:]
@@ -237,7 +224,7 @@ def test_no_time_has_two_transforms(bench, make_node, heard):
         now_s = bench.now_s()
         if not sent_s or now_s - sent_s[-1] >= 0.1:
             sent_s.append(now_s)
-            send_odometry(bench, 0.0, 0.0, now_s)
+            bench.send_odometry('robot_1', (0.0, 0.0), stamp_s=now_s)
 
     bench.repeat(send)
     bench.until(lambda: len(heard) > 10, 'transforms')
@@ -257,7 +244,7 @@ def test_nothing_lies_between_the_poses_before_and_after_a_restart_of_odometry(
         send_anchored_robot(bench)
         n_sent[0] += 1
         # The robot stands still; every half second its odometry starts anew.
-        send_odometry(bench, 50.0 if n_sent[0] // 5 % 2 else 1.0, 2.0)
+        bench.send_odometry('robot_1', (50.0 if n_sent[0] // 5 % 2 else 1.0, 2.0))
 
     bench.repeat(send)
     bench.until(lambda: n_sent[0] > 40 and len(heard) > 40, 'transforms')

@@ -25,7 +25,7 @@ TRIANGLE = {(0, 1): (1.0, 2.0), (1, 2): (1.0, 2.0), (0, 2): (1.0, 2.0)}
 TWO_APART = [[0.0, 2.0], [2.0, 0.0]]
 
 
-def with_entries(field, value, *indices):
+def triangle(field='lower', value=0.0, *indices):
     """Return the bounds of a triangle with some entries of one field overwritten."""
     lower, upper = bounds(3, TRIANGLE)
     for index in indices:
@@ -33,69 +33,65 @@ def with_entries(field, value, *indices):
     return lower, upper
 
 
-@pytest.mark.parametrize('field', ['lower', 'upper'])
-@pytest.mark.parametrize(
-    ('value', 'indices', 'text'),
-    [
-        (np.nan, [(0, 2), (2, 0)], r'\[0,2\] = nan m\^2 is NaN'),
-        (-0.5, [(1, 2), (2, 1)], r'\[1,2\] = -0.5 m\^2 is negative'),
-        (1.5, [(2, 1)], r'\[1,2\] = .* differs from its transpose'),
-        (0.25, [(1, 1)], r'\[1,1\] = 0.25 m\^2 must be 0'),
-    ],
-)
-def test_wrong_entries(field, value, indices, text):
-    with pytest.raises(InvalidProblemError, match=field + text):
-        Problem(*with_entries(field, value, *indices))
+def face(*points, first=2, second=3, side=Side.SAME):
+    return {'sides': [SideConstraint(points, first, second, side)]}
+
+
+def corners(points, sign=1):
+    return {'chiralities': [Chirality(points, sign)]}
+
+
+ENTRIES = [
+    (np.nan, [(0, 2), (2, 0)], r'\[0,2\] = nan m\^2 is NaN'),
+    (-0.5, [(1, 2), (2, 1)], r'\[1,2\] = -0.5 m\^2 is negative'),
+    (1.5, [(2, 1)], r'\[1,2\] = .* differs from its transpose'),
+    (0.25, [(1, 1)], r'\[1,1\] = 0.25 m\^2 must be 0'),
+]
+FOUR = bounds(4, TRIANGLE)
 
 
 @pytest.mark.parametrize(
-    ('arguments', 'text'),
+    ('arguments', 'constraints', 'text'),
     [
-        (with_entries('lower', 3.0, (0, 1), (1, 0)), r'lower\[0,1\] = 3.0 .* upper\[0,1\] = 2.0'),
-        (with_entries('lower', np.inf, (0, 1), (1, 0)), r'lower\[0,1\] is infinite'),
-        ((np.zeros((2, 3)), np.zeros((2, 3))), r'lower has shape \(2, 3\)'),
-        ((np.zeros((2, 2)), np.zeros(2)), r'upper has shape \(2,\)'),
-        ((np.zeros((2, 2)), np.zeros((3, 3))), r'lower is \(2, 2\), upper is \(3, 3\)'),
-        ((np.zeros((0, 0)), np.zeros((0, 0))), 'no points'),
-        ((np.ma.masked_array(TWO_APART, mask=np.eye(2)), TWO_APART), 'lower is a masked array'),
-        (([[0, 1j], [1j, 0]], TWO_APART), r'lower has the entry \[0,1\] = 1j'),
-        (([[0, 1], [1]], TWO_APART), r'lower has the entry \[0\] = \[0, 1\]'),
-        ((3.0, TWO_APART), r'lower has shape \(\)'),
+        *(
+            (triangle(field, value, *indices), {}, field + text)
+            for field in ('lower', 'upper')
+            for value, indices, text in ENTRIES
+        ),
+        (triangle('lower', 3.0, (0, 1), (1, 0)), {}, r'lower\[0,1\] = 3.0 .* upper\[0,1\] = 2.0'),
+        (triangle('lower', np.inf, (0, 1), (1, 0)), {}, r'lower\[0,1\] is infinite'),
+        ((np.zeros((2, 3)), np.zeros((2, 3))), {}, r'lower has shape \(2, 3\)'),
+        ((np.zeros((2, 2)), np.zeros(2)), {}, r'upper has shape \(2,\)'),
+        ((np.zeros((2, 2)), np.zeros((3, 3))), {}, r'lower is \(2, 2\), upper is \(3, 3\)'),
+        ((np.zeros((0, 0)), np.zeros((0, 0))), {}, 'no points'),
+        (
+            (np.ma.masked_array(TWO_APART, mask=np.eye(2)), TWO_APART),
+            {},
+            'lower is a masked array',
+        ),
+        (([[0, 1j], [1j, 0]], TWO_APART), {}, r'lower has the entry \[0,1\] = 1j'),
+        (([[0, 1], [1]], TWO_APART), {}, r'lower has the entry \[0\] = \[0, 1\]'),
+        ((3.0, TWO_APART), {}, r'lower has shape \(\)'),
+        *((triangle(), {'dimension': q}, f'dimension is {q!r}') for q in (0, 2.5, True, None)),
+        (FOUR, {'sides': None}, 'sides is None'),
+        (FOUR, {'sides': [(0, 1, 2, 3, -1)]}, 'is no SideConstraint'),
+        (FOUR, {'sides': [SideConstraint(None, 2, 3, Side.SAME)]}, 'None are no points'),
+        (FOUR, face(0, 1.0), 'point 1.0 is not an integer'),
+        (FOUR, {'chiralities': [((0, 1, 2), 1)]}, 'is no Chirality'),
+        (FOUR, face(0, first=1, second=2), r'face=\(0,\).* 2 points'),
+        (FOUR, face(0, 4, first=1, second=2), r'point 4 is not in 0..3'),
+        (FOUR, face(0, 1, first=1, second=2), r'\(0, 1, 1, 2\) are not all'),
+        (FOUR, face(0, 1, side=2), r'side=2.* -1, 0 or \+1'),
+        (FOUR, corners((0, 1)), r'points=\(0, 1\).* 3 points'),
+        (FOUR, corners((0, 1, 4)), r'point 4 is not in 0..3'),
+        (FOUR, corners((0, 1, 1)), r'\(0, 1, 1\) are not all different'),
+        (FOUR, corners(7), '7 are no points'),
+        (FOUR, corners((0, 1, 2), 1.5), r'-1 or \+1'),
     ],
 )
-def test_wrong_bounds(arguments, text):
+def test_what_is_no_problem_is_refused(arguments, constraints, text):
     with pytest.raises(InvalidProblemError, match=text):
-        Problem(*arguments)
-
-
-@pytest.mark.parametrize('dimension', [0, 2.5, True, None])
-def test_wrong_dimension(dimension):
-    with pytest.raises(InvalidProblemError, match=re.escape(f'dimension is {dimension!r}')):
-        Problem(*bounds(3, TRIANGLE), dimension=dimension)
-
-
-@pytest.mark.parametrize(
-    ('constraints', 'text'),
-    [
-        ({'sides': None}, 'sides is None'),
-        ({'sides': [(0, 1, 2, 3, -1)]}, 'is no SideConstraint'),
-        ({'sides': [SideConstraint(None, 2, 3, Side.SAME)]}, 'None are no points'),
-        ({'sides': [SideConstraint((0, 1.0), 2, 3, Side.SAME)]}, 'point 1.0 is not an integer'),
-        ({'chiralities': [((0, 1, 2), 1)]}, 'is no Chirality'),
-        ({'sides': [SideConstraint((0,), 1, 2, Side.SAME)]}, r'face=\(0,\).* 2 points'),
-        ({'sides': [SideConstraint((0, 4), 1, 2, Side.SAME)]}, r'point 4 is not in 0..3'),
-        ({'sides': [SideConstraint((0, 1), 1, 2, Side.SAME)]}, r'\(0, 1, 1, 2\) are not all'),
-        ({'sides': [SideConstraint((0, 1), 2, 3, 2)]}, r'side=2.* -1, 0 or \+1'),
-        ({'chiralities': [Chirality((0, 1), 1)]}, r'points=\(0, 1\).* 3 points'),
-        ({'chiralities': [Chirality((0, 1, 4), 1)]}, r'point 4 is not in 0..3'),
-        ({'chiralities': [Chirality((0, 1, 1), 1)]}, r'\(0, 1, 1\) are not all different'),
-        ({'chiralities': [Chirality(7, 1)]}, '7 are no points'),
-        ({'chiralities': [Chirality((0, 1, 2), 1.5)]}, r'-1 or \+1'),
-    ],
-)
-def test_wrong_constraints(constraints, text):
-    with pytest.raises(InvalidProblemError, match=text):
-        Problem(*bounds(4, TRIANGLE), **constraints)
+        Problem(*arguments, **constraints)
 
 
 @pytest.mark.parametrize(
