@@ -11,7 +11,6 @@ as one of the way.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,7 +26,7 @@ from dg_localization.calibration.bounds import (
 from dg_localization.calibration.truth import TrueTrack, without_heights, without_tilt
 from dg_localization.fleet import FleetConfig
 from dg_localization.fleet.odometry_error import LEAST_SCALE, MOST_SCALE, OdometryErrorModel
-from dg_localization.fleet.rotations import rotation_of_quaternion
+from dg_localization.fleet.vocabulary import OdometrySample
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
@@ -43,9 +42,6 @@ STRETCHED = 1.5
 
 WAY_M, TURN_RAD = 1.0, 1.0
 """Of the longest way and the greatest turn of all windows: less tells no error per m or rad."""
-
-Piece = list[tuple[float, Any, Any]]
-"""Odometry between two starts anew: stamps in s, positions and quaternions."""
 
 SLOPES = np.linspace(0.0, 1.0, 401)
 """Errors per m or rad that are tried."""
@@ -220,7 +216,7 @@ class LearnedOdometry:
 
 
 def learn_odometry(
-    odometry: Mapping[str, Sequence[Piece]],
+    odometry: Mapping[str, Sequence[Sequence[OdometrySample]]],
     fleet: FleetConfig,
     tracks: Mapping[str, TrueTrack],
     choice: Choice,
@@ -232,10 +228,14 @@ def learn_odometry(
     for robot in filter(tracks.__contains__, sorted(odometry)):
         pieces = odometry[robot]
         how = tracks[robot], fleet.dimension, fleet.is_upright(robot)
-        columns = (map(np.array, zip(*piece, strict=True)) for piece in pieces)
         windows = OdometryWindows.joined(
-            odometry_windows(stamps_s, places_m, rotation_of_quaternion(turns), *how)
-            for stamps_s, places_m, turns in columns
+            odometry_windows(
+                [sample.stamp_s for sample in piece],
+                [sample.position_in_frame_m for sample in piece],
+                [sample.rotation for sample in piece],
+                *how,
+            )
+            for piece in pieces
         )
         if len(pieces) > 1:
             learned.notes.append(f'Odometry of {robot} started anew {len(pieces) - 1} times.')

@@ -247,10 +247,6 @@ class MeasurementStore:
         """Return the odometry of every robot that has some, oldest first."""
         return {robot: track.readings for robot, track in self._tracks.items()}
 
-    def odometry_restarted_s(self, robot: str) -> float:
-        """Return when the odometry of a robot started anew; 0 where it never did."""
-        return self._tracks[robot].newest.restarted_s
-
     def newest_odometry_s(self) -> list[float]:
         """Return the time of the newest odometry of every robot that has some."""
         return [track.newest.stamp_s for track in self._tracks.values()]

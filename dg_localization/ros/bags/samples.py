@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.calibration.bounds import Columns, residuals
-from dg_localization.calibration.odometry import Piece
 from dg_localization.calibration.truth import TrueTrack, range_errors_m, ray_errors_rad
 from dg_localization.fleet import (
     FleetConfig,
@@ -24,6 +23,7 @@ from dg_localization.fleet import (
     SensorBounds,
 )
 from dg_localization.fleet.error_models import in_body_frame, interpret_ray
+from dg_localization.fleet.vocabulary import OdometrySample
 
 FloatArray: TypeAlias = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ class Gatherer(Localizer):
     ----------
     readings : dict of LinkKey to list of (float, float or ndarray)
         By input, stamps in s with ranges in m or with unit vectors in the body, as they arrived.
-    odometry : dict of str to list of Piece
+    odometry : dict of str to list of list of OdometrySample
         By robot; where its odometry starts anew, as the localizer finds it, a piece begins.
     stated : dict of LinkKey to set of SensorBounds
         The bounds that the readings of an input came with, of each link that has it.
@@ -48,35 +48,23 @@ class Gatherer(Localizer):
     def __init__(self, config: FleetConfig) -> None:
         super().__init__(config)
         self.readings: dict[LinkKey, list[tuple[float, Any]]] = defaultdict(list)
-        self.odometry: dict[str, list[Piece]] = defaultdict(list)
+        self.odometry: dict[str, list[list[OdometrySample]]] = defaultdict(list)
         self.stated: dict[LinkKey, set[SensorBounds]] = defaultdict(set)
 
     def stamps_s(self) -> list[float]:
         """Return the stamps of all that was measured."""
         found = [row[0] for rows in self.readings.values() for row in rows]
         pieces = (piece for pieces in self.odometry.values() for piece in pieces)
-        return found + [row[0] for piece in pieces for row in piece]
+        return found + [sample.stamp_s for piece in pieces for sample in piece]
 
-    def add_odometry(
-        self,
-        robot: str,
-        position_xyz: Any,
-        orientation_xyzw: Any,
-        stamp_s: float,
-        now_s: float,
-        frame: str = '',
-    ) -> Rejection | None:
+    def add_odometry(self, robot: str, *args: Any, **kwargs: Any) -> Rejection | None:
         """Keep a pose that is accepted, as it was reported."""
-        rejection = super().add_odometry(
-            robot, position_xyz, orientation_xyzw, stamp_s, now_s, frame
-        )
+        rejection = super().add_odometry(robot, *args, **kwargs)
         if rejection is None:
-            turn = np.asarray(orientation_xyzw, dtype=float)
-            pieces = self.odometry[robot]
-            if not pieces or self.odometry_restarted_s(robot) > pieces[-1][-1][0]:
+            newest, pieces = self._track(robot).newest, self.odometry[robot]
+            if not pieces or newest.restarted_s > pieces[-1][-1].stamp_s:
                 pieces.append([])
-            place_m = np.array(position_xyz, dtype=float)
-            pieces[-1].append((stamp_s, place_m, turn / np.linalg.norm(turn)))
+            pieces[-1].append(newest)
         return rejection
 
     def _take(
