@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dg_localization.calibration.odometry import angles_between
 from dg_localization.calibration.truth import FloatArray, TrueTrack, without_heights, without_tilt
 from dg_localization.fleet import FixedFrame, FleetConfig, FrameKind, Placement
-from dg_localization.fleet.rotations import rotation_angle_rad, rotation_of_quaternion
+from dg_localization.fleet.rotations import rotation_of_quaternion
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import OdometrySample
 
@@ -77,13 +78,7 @@ class TruePlacement:
 
     def _angles_rad(self, orientations_xyzw: FloatArray) -> FloatArray:
         """Return the angles between orientations and the true ones, NaN where one is not known."""
-        stated = rotation_of_quaternion(orientations_xyzw)
-        return np.array(
-            [
-                rotation_angle_rad(one.T @ true)
-                for one, true in zip(stated, self.rotations, strict=True)
-            ]
-        )
+        return angles_between(rotation_of_quaternion(orientations_xyzw), self.rotations)
 
 
 @dataclass(frozen=True)

@@ -140,13 +140,13 @@ def odometry_windows(
     way_m = _cumulative(np.linalg.norm(steps_m, axis=1))
     steps_rad = np.abs(without_turns(np.diff(yaws)))
     if dimension == 3:
-        steps_rad = _angles(turns[:-1], turns[1:])
+        steps_rad = angles_between(turns[:-1], turns[1:])
     turned_rad = _cumulative(steps_rad)
     first, last = _spans(stamps)
     whole_m = np.array([along_m[a:b].sum(axis=0) for a, b in zip(first, last, strict=True)])
     error_rad = without_turns(off_rad[last] - off_rad[first])
     if not upright:
-        error_rad = _angles(*(np.swapaxes(r[first], 1, 2) @ r[last] for r in (turns, true)))
+        error_rad = angles_between(*(np.swapaxes(r[first], 1, 2) @ r[last] for r in (turns, true)))
     found = OdometryWindows(
         stamps[first],
         stamps[last] - stamps[first],
@@ -329,7 +329,7 @@ def _cumulative(steps: FloatArray) -> FloatArray:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def _angles(first: FloatArray, second: FloatArray) -> FloatArray:
+def angles_between(first: FloatArray, second: FloatArray) -> FloatArray:
     """Return the angles between rotations, shape (k,), from the lengths of their differences."""
     lengths = np.linalg.norm(first - second, axis=(1, 2))
     return np.asarray(2.0 * np.arcsin(np.minimum(1.0, lengths / np.sqrt(8.0))))
