@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-_NS_PER_S = 1_000_000_000
+NS_PER_S = 1_000_000_000
 # The identifier of plain CDR in little endian; positions are counted after it.
 ENCAPSULATION = b'\x00\x01\x00\x00'
 
@@ -98,8 +98,8 @@ def stamp_from_message(stamp: Any) -> float:
         If its nanoseconds make a second or more: the other seconds cannot be relied on either.
 
     """
-    if not 0 <= stamp.nanosec < _NS_PER_S:
-        raise ValueError(f'nanosec {stamp.nanosec} of the stamp must be below {_NS_PER_S}')
+    if not 0 <= stamp.nanosec < NS_PER_S:
+        raise ValueError(f'nanosec {stamp.nanosec} of the stamp must be below {NS_PER_S}')
     return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
 
 
@@ -113,7 +113,7 @@ def split_time(name: str, time_s: float) -> tuple[int, int]:
     """Return whole seconds and the nanoseconds that remain; `name` is for the error."""
     if not abs(time_s) < float('inf'):
         raise ValueError(f'{name} {time_s} s is not finite')
-    return divmod(round(time_s * _NS_PER_S), _NS_PER_S)
+    return divmod(round(time_s * NS_PER_S), NS_PER_S)
 
 
 def header_to_message(stamp_s: float, frame_id: str) -> Any:

@@ -25,14 +25,8 @@ SILENT_S = 3.0
 """The localizer publishes once a second: after this long without a message it is called silent."""
 
 CLEAR = '\x1b[H\x1b[2J'
-MARKS = {Level.OK: 'ok', Level.WARN: 'WARN', Level.ERROR: 'ERROR'}
-HEADER_OF = {
-    'yaw_deg': 'yaw deg',
-    'typical_m': 'typical m',
-    'guaranteed_m': 'guaranteed m',
-    'heard': 'heard',
-}
-"""Headers of columns, by the values of robots in the diagnostics that they show."""
+SHOWN = ('yaw_deg', 'typical_m', 'guaranteed_m', 'heard')
+"""Values of robots in the diagnostics that have a column."""
 
 to_statuses = adapter_for('diagnostic_msgs/msg/DiagnosticArray').from_message
 
@@ -82,10 +76,10 @@ def _paragraphs(
 
 def _table(robots: Mapping[str, Status]) -> list[list[str]]:
     """Return the cells of a header and of a row for each robot, of one width in each column."""
-    rows = [('robot', 'state', 'x m', 'y m', 'z m', *HEADER_OF.values())]
+    rows = [('robot', 'state', 'x m', 'y m', 'z m', *(key.replace('_', ' ') for key in SHOWN))]
     for name, part in robots.items():
         x, y, z, *_ = [*part.values.get('position_m', '').split(), '', '', '']
-        cells = (part.values.get(key, '') for key in HEADER_OF)
+        cells = (part.values.get(key, '') for key in SHOWN)
         rows.append((name, _mark(part), x, y, z, *cells))
     # A plane has no z.
     names, *columns = [column for column in zip(*rows, strict=True) if any(column[1:])]
@@ -97,7 +91,7 @@ def _table(robots: Mapping[str, Status]) -> list[list[str]]:
 
 
 def _mark(status: Status) -> str:
-    return MARKS.get(status.level, 'STALE')
+    return 'ok' if status.level is Level.OK else status.level.name
 
 
 def _summary(values: Mapping[str, str]) -> Iterator[str]:

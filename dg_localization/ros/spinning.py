@@ -19,7 +19,7 @@ from rclpy.utilities import remove_ros_args
 
 from dg_localization.ros.executables import ExecutableError, StopRequest, UsageError, stop_request
 
-REPEATED_ERROR_S = 5.0
+REPEATED_S = 5.0
 # A message waits for up to this long.
 BATCH_S = 0.01
 # Python handles a signal once the wait for messages, which is no Python, is over.
@@ -29,7 +29,7 @@ WAIT_S = 0.2
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 
-def at_most_every(period_s: float) -> dict[str, Any]:
+def at_most_every(period_s: float = REPEATED_S) -> dict[str, Any]:
     """Return what a log call takes to be throttled, also where the clock of the machine is set."""
     return {'throttle_duration_sec': period_s, 'throttle_time_source_type': STEADY}
 
@@ -137,5 +137,5 @@ def _spin_until(stop: StopRequest, node: Node) -> None:
         except Exception:
             node.get_logger().error(
                 f'a callback failed, the node goes on:\n{traceback.format_exc()}',
-                **at_most_every(REPEATED_ERROR_S),
+                **at_most_every(),
             )

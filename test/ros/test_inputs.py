@@ -15,7 +15,8 @@ from sensor_msgs.msg import CameraInfo, Range
 from dg_localization.fleet import LinkKind
 from dg_localization.ros.interface.discovery import Template
 from dg_localization.ros.interface.links import parse_link
-from dg_localization.ros.node.inputs import POLL_PERIOD_S, SENSOR_DATA, Inputs
+from dg_localization.ros.node.inputs import SENSOR_DATA, Inputs
+from dg_localization.ros.spinning import BATCH_S
 
 POINTS = ('a', 'b', 'c')
 TOPICS = [f'/{one}/range/{other}' for one in POINTS for other in POINTS if one != other]
@@ -76,7 +77,7 @@ def test_where_more_arrives_than_can_be_taken_all_topics_have_their_turn(node):
 
     def take_slowly(link, *_):
         taken.update([link.topic])
-        time.sleep(2.0 * POLL_PERIOD_S)
+        time.sleep(2.0 * BATCH_S)
         if link.topic == TOPICS[0]:
             raise ValueError('wrong')
 

@@ -26,9 +26,8 @@ from typing import Any, NamedTuple
 
 from dg_localization.optional import install_hint
 from dg_localization.ros.executables import ExecutableError, print_line
-from msg_adapters.headers import message_class
+from msg_adapters.headers import NS_PER_S, message_class
 
-NS_PER_S = 1_000_000_000
 # Stamps have 32 bits for the seconds.
 END_OF_ROS_TIME_NS = 2**31 * NS_PER_S
 # How many messages of a topic show by which definition they were written.

@@ -18,7 +18,7 @@ from dg_localization.fleet import LinkKind
 from dg_localization.ros.interface.discovery import TopicFinder
 from dg_localization.ros.interface.links import ANY_OBSERVER, Link
 from dg_localization.ros.interface.parameters.settings import Settings
-from dg_localization.ros.spinning import STEADY
+from dg_localization.ros.spinning import BATCH_S, STEADY
 from msg_adapters import adapter_for
 
 # As the profile of that name, which every publisher can serve, with a longer queue: publishing
@@ -30,8 +30,6 @@ QUEUE_DEPTH = 8
 SENSOR_DATA = QoSProfile(depth=QUEUE_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=QUEUE_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
-# A message waits for up to this long.
-POLL_PERIOD_S = 0.01
 # rclpy would report publishers of other quality of service, of which there are none for
 # `SENSOR_DATA`, and of other types, which `Inputs.wrong_types` contains.
 NO_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
@@ -87,7 +85,7 @@ class Inputs:
         # it: where a bag is replayed many times as fast, messages would seem to be of the future.
         self._poller = node.create_guard_condition(self._poll)
         # The node's own time stands still while a simulation pauses.
-        self._timer = node.create_timer(POLL_PERIOD_S, self._poller.trigger, clock=STEADY)
+        self._timer = node.create_timer(BATCH_S, self._poller.trigger, clock=STEADY)
 
     @property
     def links(self) -> tuple[Link, ...]:
@@ -140,7 +138,7 @@ class Inputs:
         Where more arrives than can be taken, each topic still has its turn, and so have the other
         callbacks of the node. A topic that raises does not keep the others from theirs.
         """
-        end_s = time.monotonic() + POLL_PERIOD_S
+        end_s = time.monotonic() + BATCH_S
         waiting = list(self._subscriptions.items())
         failure: Exception | None = None
         while waiting:

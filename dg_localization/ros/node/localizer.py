@@ -56,7 +56,7 @@ from dg_localization.ros.node.worker import (
     load_for_good,
     longest_estimate_s,
 )
-from dg_localization.ros.spinning import STEADY, at_most_every, spin
+from dg_localization.ros.spinning import BATCH_S, STEADY, at_most_every, spin
 from msg_adapters import Diagnostics
 from msg_adapters.poses import transforms_to_cdr
 
@@ -64,11 +64,8 @@ USAGE = 'usage: localizer --ros-args --params-file FILE [-p NAME:=VALUE] [-r FRO
 DIAGNOSTICS_PERIOD_S = 1.0
 DISCOVERY_PERIOD_S = 0.25
 RESET = '~/reset'
-REPEATED_WARNING_S = 5.0
 REPEATED_PROGRESS_S = 10.0
 CLOCK = '/clock'
-# For each message, the longest time that an estimate which is late gets the interpreter for.
-LONGEST_REST_S = 0.01
 
 
 class TimedEstimate(NamedTuple):
@@ -202,10 +199,11 @@ class LocalizerNode(ManagedNode):
         self._intake_s += time.monotonic() - began_s
         if rejection is not None:
             text = shortened(f'{link.topic}: {rejection}')
-            self.get_logger().warning(text, **at_most_every(REPEATED_WARNING_S))
+            self.get_logger().warning(text, **at_most_every())
         if self._worker.busy_s > self._longest_estimate_s:
-            # More messages than can be taken must not starve the estimate that they are for.
-            time.sleep(min(LONGEST_REST_S, time.monotonic() - began_s))
+            # More messages than can be taken must not starve the estimate that they are for: it
+            # gets the interpreter for as long as a message took, or as one may wait.
+            time.sleep(min(BATCH_S, time.monotonic() - began_s))
 
     def _on_tick(self) -> None:
         """Have the newest measurements answered, once the worker is done with older ones."""
@@ -253,7 +251,7 @@ class LocalizerNode(ManagedNode):
         except Exception as error:  # a defect of ours: say so instead of showing an old answer
             self.get_logger().error(
                 f'the estimate failed:\n{traceback.format_exc()}',
-                **at_most_every(REPEATED_WARNING_S),
+                **at_most_every(),
             )
             self._fail(shortened(f'internal error: {type(error).__name__}: {error}'))
             return
@@ -268,9 +266,7 @@ class LocalizerNode(ManagedNode):
     def _publish(self, answer: TimedEstimate) -> None:
         self._estimate = answer.estimate
         if answer.estimate.frame_change:
-            self.get_logger().warning(
-                answer.estimate.frame_change, **at_most_every(REPEATED_WARNING_S)
-            )
+            self.get_logger().warning(answer.estimate.frame_change, **at_most_every())
         began_s = time.perf_counter()
         self._outputs.publish(answer.messages)
         self._seconds = {

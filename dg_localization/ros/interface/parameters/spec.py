@@ -140,8 +140,6 @@ class Spec:
             return False
         if type(item) is str:
             return not self.choices or item in self.choices
-        if type(item) is bool:
-            return True
         if math.isnan(item):
             return self.may_be_nan
         if math.isinf(item) and self.finite:
