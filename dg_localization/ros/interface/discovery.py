@@ -47,11 +47,6 @@ class Template:
         """What must stand in braces."""
         return KINDS[self.kind].fields
 
-    @property
-    def shape(self) -> str:
-        """The text with nothing in its braces: templates of one shape give the same topics."""
-        return re.sub(r'{\w+}', '{}', self.text)
-
     def check(self) -> None:
         """Raise ValueError unless the text holds each of `fields` once."""
         try:
@@ -135,7 +130,8 @@ def templates_from(
             template.check()
             template = template.resolved(resolve)
             template.check_names(points)
-            first = found.setdefault(template.shape, template)
+            # With nothing in their braces equal, templates give the same topics.
+            first = found.setdefault(re.sub(r'{\w+}', '{}', template.text), template)
             if first is not template:
                 raise ValueError(
                     f"its topics are those of '{first.kind}.topic', it must have topics of its own"

@@ -178,34 +178,28 @@ def transforms(
         if track or robot not in awaited
     }
     times = Counter([name.removeprefix('/'), *children.values()])
-    found = (
-        _transform(estimate, row, name, children[robot], tracks[robot], motion)
-        for row, robot in enumerate(estimate.robots)
-        if robot in children and times[children[robot]] == 1
-    )
-    return tuple(transform for transform in found if transform is not None)
-
-
-def _transform(
-    estimate: Estimate, row: int, name: str, child: str, track: Track, motion: Motion
-) -> Transform | None:
-    """Return the transform to the odometry frame of a robot, or to its body; None for no place."""
-    pose = unique_pose(estimate, row, name)
-    if pose is None or not estimate.placements[0].heading_known[row]:
-        return None
-    position_m, rotation = pose.position_xyz, rotation_of_quaternion(pose.orientation_xyzw)
-    if track and track[-1].frame:
-        max_gap_s = motion.config.odometry_error_of(estimate.robots[row]).max_gap_s
-        body = _body_at(track, pose.stamp_s, max_gap_s)
-        if body is None:
-            return None
-        body_m, turn = body
-        if estimate.placements[0].positions_m.shape[1] == 2:
-            # The plane is that of the odometry frame: a robot on a ramp does not tilt it.
-            body_m, turn = body_m * (1.0, 1.0, 0.0), level_rotations(turn[None])[0]
-        rotation = rotation @ turn.T
-        position_m = position_m - rotation @ body_m
-    return Transform(pose.stamp_s, name, child, position_m, quaternion_of(rotation))
+    found = []
+    for row, robot in enumerate(estimate.robots):
+        pose, track = unique_pose(estimate, row, name), tracks[robot]
+        if pose is None or times[children.get(robot, '')] != 1:
+            continue
+        if not estimate.placements[0].heading_known[row]:
+            continue
+        position_m, rotation = pose.position_xyz, rotation_of_quaternion(pose.orientation_xyzw)
+        if track and track[-1].frame:
+            max_gap_s = motion.config.odometry_error_of(robot).max_gap_s
+            body = _body_at(track, pose.stamp_s, max_gap_s)
+            if body is None:
+                continue
+            body_m, turn = body
+            if estimate.placements[0].positions_m.shape[1] == 2:
+                # The plane is that of the odometry frame: a robot on a ramp does not tilt it.
+                body_m, turn = body_m * (1.0, 1.0, 0.0), level_rotations(turn[None])[0]
+            rotation = rotation @ turn.T
+            position_m = position_m - rotation @ body_m
+        quaternion = quaternion_of(rotation)
+        found.append(Transform(pose.stamp_s, name, children[robot], position_m, quaternion))
+    return tuple(found)
 
 
 def _body_at(
