@@ -10,7 +10,7 @@ wrong on the way is counted and never raised.
 """
 
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 import math
@@ -18,7 +18,6 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Range
 
@@ -190,11 +189,20 @@ class Intake:
             case PixelReading():
                 reading = self._cameras.rays(link, reading)
         observer, rows = self._targets(link, reading)
-        kept, names = [row for row, _ in rows], [name for _, name in rows]
-        rays_xyz = link.turned(reading.rays_xyz[kept])
+        kept = [row for row, _ in rows]
+        rays_xyz, ranges_m = link.turned(reading.rays_xyz[kept]), reading.ranges_m[kept].tolist()
+        has_rays = np.any(~np.isnan(rays_xyz), axis=1).tolist()
         # All rows before the first: a message that cannot be read must not be taken in part.
         readings = list(self._differences(reading)) if isinstance(reading, PeersReading) else []
-        readings += _named_readings(names, reading.ranges_m[kept], rays_xyz, bool(readings))
+        has_others = bool(readings)
+        for (_, name), range_m, ray_xyz, has_ray in zip(
+            rows, ranges_m, rays_xyz, has_rays, strict=True
+        ):
+            # A row without any reading counts as a range that is none.
+            if not ((has_ray or has_others) and math.isnan(range_m)):
+                readings.append((name, range_m))
+            if has_ray:
+                readings.append((name, ray_xyz))
         rejections = localizer.add_peers(observer, readings, *when, bounds)
         return next(iter(rejections), None)
 
@@ -280,20 +288,3 @@ def _deserialized(data: bytes, message_class: type) -> Any:
             'sensor_msgs/msg/Range without variance, as ROS 2 published it before Iron: update '
             'the driver, or convert the messages'
         ) from None
-
-
-def _named_readings(
-    names: Sequence[str],
-    ranges_m: NDArray[np.float64],
-    rays_xyz: NDArray[np.float64],
-    has_others: bool,
-) -> Iterator[PeerMeasurement]:
-    """Yield each name with its range, and with its ray, where there is one."""
-    has_rays = np.any(~np.isnan(rays_xyz), axis=1).tolist()
-    rows = zip(names, ranges_m.tolist(), rays_xyz, has_rays, strict=True)
-    for target, range_m, ray_xyz, has_ray in rows:
-        # A row without any reading counts as a range that is none.
-        if not ((has_ray or has_others) and math.isnan(range_m)):
-            yield target, range_m
-        if has_ray:
-            yield target, ray_xyz

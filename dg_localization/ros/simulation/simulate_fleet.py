@@ -102,8 +102,20 @@ class SimulatedFleet:
         state, values = self.motion.state(time_s), self._values
         ranges_m = self._sensors.ranges(state) if values['ranges'] else {}
         rays = self._sensors.bearings(state) if values['cameras'] else {}
+        points = (*simulation.ROBOTS, *self._sensors.landmarks_m)
+        for observer in simulation.ROBOTS if values['peers'] else ():
+            # Even one that measured nobody has a message.
+            pairs = [(observer, target) for target in points]
+            measured = [pair for pair in pairs if pair in ranges_m or pair in rays]
+            together = PeersReading(
+                stamp_s,
+                peers=np.array([points.index(target) for _, target in measured], dtype=int),
+                ranges_m=np.array([ranges_m.get(pair, np.nan) for pair in measured]),
+                rays_xyz=np.array([rays.get(pair, NO_RAY) for pair in measured]).reshape(-1, 3),
+                frame_id=observer,
+            )
+            yield f'{observer}/peers', peers_to_message(together)
         if values['peers']:
-            yield from self._peers(ranges_m, rays, stamp_s)
             return
         limits_m = MIN_RANGE_M, simulation.REACH_M
         for (observer, target), range_m in ranges_m.items():
@@ -112,26 +124,6 @@ class SimulatedFleet:
         for (observer, target), ray in rays.items():
             seen = BearingReading(stamp_s, np.array(ray), observer)
             yield f'{observer}/bearing/{target}', bearing_to_message(seen)
-
-    def _peers(
-        self,
-        ranges_m: Mapping[simulation.Pair, float],
-        rays: Mapping[simulation.Pair, tuple[float, float, float]],
-        stamp_s: float,
-    ) -> Iterator[tuple[str, Any]]:
-        """Yield a topic and a message for each robot, even for one that measured nobody."""
-        points = (*simulation.ROBOTS, *self._sensors.landmarks_m)
-        for observer in simulation.ROBOTS:
-            pairs = [(observer, target) for target in points]
-            measured = [pair for pair in pairs if pair in ranges_m or pair in rays]
-            reading = PeersReading(
-                stamp_s,
-                peers=np.array([points.index(target) for _, target in measured], dtype=int),
-                ranges_m=np.array([ranges_m.get(pair, np.nan) for pair in measured]),
-                rays_xyz=np.array([rays.get(pair, NO_RAY) for pair in measured]).reshape(-1, 3),
-                frame_id=observer,
-            )
-            yield f'{observer}/peers', peers_to_message(reading)
 
     def odometry_messages(self, time_s: float, stamp_s: float) -> Iterator[tuple[str, Any]]:
         """Sample the odometry of every robot that has some."""
