@@ -36,6 +36,10 @@ def placement_at(positions_m, /, **changes):
     return replace(made, **changes)
 
 
+AS_MAP = SimpleNamespace(fixed_frame='map', lifetime_s=1.0, least_deviation_m=0.05)
+"""The settings of a node whose frame of anchors is `map`."""
+
+
 def report_on(estimate, robots, localized_width_m=math.inf, **changes):
     """Return what the diagnostics of a node without trouble are made of."""
     settings = SimpleNamespace(

@@ -6,7 +6,7 @@
 from dataclasses import replace
 import math
 
-from estimates import placement_at, report_on
+from estimates import AS_MAP, placement_at, report_on
 from geometry_msgs.msg import PoseArray
 import numpy as np
 import pytest
@@ -101,7 +101,7 @@ def test_poses_come_placement_by_placement_in_robot_order():
 
 def test_array_of_one_robot_leaves_unknown_positions_out_and_that_of_the_fleet_does_not():
     lost = placement(positions_m=np.array([[0.0, 0.0], [np.nan, np.nan]]))
-    messages = dict(estimate_messages(estimate(placement(), lost), 'map', 1.0))
+    messages = dict(estimate_messages(estimate(placement(), lost), AS_MAP))
     fleet, a, b = (
         deserialize_message(messages[f'~/{name}feasible_poses'], PoseArray).poses
         for name in ('', 'a/', 'b/')

@@ -8,7 +8,7 @@ from dataclasses import replace
 import os
 from random import Random
 
-from estimates import report_on
+from estimates import AS_MAP, report_on
 from hostile_ids import IdFleet
 from hostile_messages import CLOUD, HostileFleet, serialized
 import numpy as np
@@ -112,7 +112,7 @@ def check_estimate(estimate, taker):
         assert (low <= high).all() and np.isinf(low[~known]).all()
         assert (placement.positions_m[known] >= low[known]).all()
         assert (placement.positions_m[known] <= high[known]).all()
-    assert all(data for _, data in estimate_messages(estimate, 'map', 1.0))
+    assert all(data for _, data in estimate_messages(estimate, AS_MAP))
     now_s = taker.fleet.now_s
     report = report_on(
         estimate,

@@ -6,6 +6,7 @@
 import json
 from pathlib import Path
 
+from estimates import AS_MAP
 import numpy as np
 import pytest
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
@@ -63,7 +64,7 @@ def estimate_of(paper_fleet, cameras):
 
 
 def markers_of(estimate):
-    messages = dict(estimate_messages(estimate, 'map', 1.0))
+    messages = dict(estimate_messages(estimate, AS_MAP))
     return deserialize_message(messages['~/markers'], MarkerArray)
 
 

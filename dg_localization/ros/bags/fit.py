@@ -4,7 +4,7 @@
 """Error bounds from the readings of a bag, beside a ground truth or beside each other."""
 
 from collections import defaultdict
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import Any, NamedTuple, TypeAlias
@@ -12,7 +12,6 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.calibration.answers import FleetTruth
 from dg_localization.calibration.bounds import (
     READINGS,
     Choice,
@@ -25,14 +24,10 @@ from dg_localization.calibration.bounds import (
     shape_of,
 )
 from dg_localization.calibration.odometry import learn_odometry
-from dg_localization.calibration.truth import TrueTrack, range_errors_m
-from dg_localization.fleet import (
-    FleetConfig,
-    LinkKey,
-    LinkKind,
-    SensorBounds,
-)
+from dg_localization.calibration.truth import range_errors_m
+from dg_localization.fleet import LinkKey, LinkKind, SensorBounds
 from dg_localization.ros.bags.bag import BagError
+from dg_localization.ros.bags.offline import Recording
 from dg_localization.ros.bags.samples import Errors, Gatherer, errors_of
 from dg_localization.ros.bags.truth import apart_text
 from dg_localization.ros.interface.links import ANY_OBSERVER
@@ -157,24 +152,17 @@ def bounds_of(model: Any, prefix: str) -> dict[str, float]:
     return {name: float(x) for name, x in numbers.items() if name in learned and x is not None}
 
 
-def fit(
-    gatherer: Gatherer,
-    truth: FleetTruth | None,
-    links: Collection[LinkKey],
-    per: str,
-    choice: Choice,
-) -> LearnedBounds:
+def fit(gatherer: Gatherer, recording: Recording, per: str, choice: Choice) -> LearnedBounds:
     """
     Learn bounds from readings and a ground truth, or without one from their scatter.
 
     Without a truth no bounds become narrower than those stated.
     """
-    fleet, learned = gatherer.config, LearnedBounds(is_widened=truth is None)
-    tracks = truth.tracks if truth else None
-    stated = errors = errors_of(gatherer, tracks)
-    if tracks is not None:
-        _add_delays(learned, stated, tracks, links, fleet.dimension)
-        errors = errors_of(gatherer, tracks, learned.offsets_s)
+    fleet, truth = gatherer.config, recording.truth
+    learned, tracks = LearnedBounds(is_widened=truth is None), truth.tracks if truth else None
+    stated = errors_of(gatherer, tracks)
+    _add_delays(learned, stated, recording)
+    errors = errors_of(gatherer, tracks, learned.offsets_s)
     learned.judged = frozenset(key for key, one in errors.items() if len(one.errors))
     for kind in (LinkKind.RANGE, LinkKind.BEARING):
         gathered, shape = _gathered(errors, kind, per), ErrorShape()
@@ -214,7 +202,7 @@ def fit(
             f'The bounds leave {excluded} readings out. window_outliers: 1 lets one of each pair '
             'in memory.seconds be wrong, max_outliers: 1 one of a moment.'
         )
-    learned.notes += broken_bounds(fleet, gatherer.stated, stated)
+    learned.notes += broken_bounds(gatherer, stated)
     return learned
 
 
@@ -302,11 +290,7 @@ def _scatter_group(kind: LinkKind, one: Errors, choice: Choice, stated: SensorBo
 
 
 def _add_delays(
-    learned: LearnedBounds,
-    errors: Mapping[LinkKey, Errors],
-    tracks: Mapping[str, TrueTrack],
-    links: Collection[LinkKey],
-    dimension: int,
+    learned: LearnedBounds, errors: Mapping[LinkKey, Errors], recording: Recording
 ) -> None:
     """
     Find ranges whose stamps are late or early, and what to add to those of links.
@@ -314,6 +298,10 @@ def _add_delays(
     A range that is stamped late by t is that of the distance t before: its error is -t times the
     rate of the distance, and the slope of a regression on that rate shows it.
     """
+    links = {link.key for link in recording.links.values()}
+    if recording.truth is None:
+        return
+    tracks, dimension = recording.truth.tracks, recording.truth.fleet.dimension
     for key, one in errors.items():
         if key.kind is not LinkKind.RANGE or len(one.errors) < READINGS:
             continue
@@ -365,16 +353,12 @@ def _breaking(bounds: SensorBounds, kind: LinkKind, one: Errors) -> NDArray[np.b
     return ~np.array(held, dtype=bool)
 
 
-def broken_bounds(
-    fleet: FleetConfig,
-    stated: Mapping[LinkKey, Collection[SensorBounds]],
-    errors: Mapping[LinkKey, Errors],
-) -> list[str]:
+def broken_bounds(gatherer: Gatherer, errors: Mapping[LinkKey, Errors]) -> list[str]:
     """Return sentences on the readings that break all bounds stated for them, oldest first."""
     found = []
     for key, one in errors.items():
-        broken = np.all([_breaking(bounds, key.kind, one) for bounds in stated[key]], axis=0)
-        wrong = one.chosen(broken)
+        broken = [_breaking(bounds, key.kind, one) for bounds in gatherer.stated[key]]
+        wrong = one.chosen(np.all(broken, axis=0))
         ends = np.flatnonzero(np.diff(wrong.stamps_s) > GAP_S) + 1
         for times_s, sizes in zip(
             np.split(wrong.stamps_s, ends), np.split(np.abs(wrong.errors), ends), strict=True
@@ -388,7 +372,7 @@ def broken_bounds(
                 found.append((float(times_s[0]), text))
     found.sort()
     # The truth is that of the stamp: a robot that moves is elsewhere when a clock is wrong.
-    condition = ', if stamps are right' if fleet.stamp_error_s > 0.0 else ''
+    condition = ', if stamps are right' if gatherer.config.stamp_error_s > 0.0 else ''
     sentences = [f'{text}{condition}.' for _, text in found[:NAMED]]
     if len(found) > NAMED:
         sentences.append(

@@ -89,8 +89,7 @@ def main(args: Sequence[str]) -> int:
         recording = Recording(options, task.settings, bag)
         gatherer, links = collect(task, recording), [*recording.links.values()]
         choice = Choice(options.keep, options.margin)
-        keys = {link.key for link in links}
-        learned = fit(gatherer, recording.truth, keys, options.per, choice)
+        learned = fit(gatherer, recording, options.per, choice)
         text = as_yaml(learned, links, options.bag.resolve().name, task.settings.fleet)
     # The node's own checks read the parameters that are to be printed.
     with tempfile.TemporaryDirectory() as folder:

@@ -123,12 +123,7 @@ class BagRun:
             'damage': recording.damage,
             'max_boxes': settings.fleet.solver.max_boxes,
             **self.tally.tree(),
-            **inputs_tree(
-                [*recording.links.values()],
-                localizer.intake.states(in_seconds(span_ns[1])),
-                localizer.intake.malformed,
-                recording.reading.unreadable,
-            ),
+            **inputs_tree(recording, localizer.intake, in_seconds(span_ns[1])),
             'truth': self.compared.tree() if self.compared else None,
             'gaps': [{'first_s': first_s, 'last_s': last_s} for first_s, last_s in gaps],
             'notices': [*recording.notices, *(gap_text(*gap) for gap in gaps)],

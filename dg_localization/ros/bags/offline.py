@@ -262,9 +262,7 @@ class BagLocalizer:
         if cancel.is_set():
             return None
         settings = self._task.settings
-        for name, message in estimate_messages(
-            estimate, settings.fixed_frame, settings.lifetime_s, settings.least_deviation_m
-        ):
+        for name, message in estimate_messages(estimate, settings):
             self._writer.write(self._task.topics[name], time_ns, message)
         report = Report(
             node=self._task.node,

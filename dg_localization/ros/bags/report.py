@@ -19,9 +19,10 @@ import re
 from statistics import median_low
 from typing import Any, TypeAlias
 
-from dg_localization.fleet import Estimate, InputState, LinkKey, LinkKind
-from dg_localization.ros.interface.intake import Malformed
-from dg_localization.ros.interface.links import ANY_OBSERVER, Link
+from dg_localization.fleet import Estimate, LinkKind
+from dg_localization.ros.bags.offline import Recording
+from dg_localization.ros.interface.intake import Intake
+from dg_localization.ros.interface.links import ANY_OBSERVER
 from dg_localization.solver.result import Verdict
 from msg_adapters import Level, Status
 
@@ -107,14 +108,9 @@ class Runs(list[Tree]):
         self._open[key] = tick, run
 
 
-def inputs_tree(
-    links: Sequence[Link],
-    states: Mapping[LinkKey, InputState],
-    malformed: Mapping[str, Malformed],
-    unreadable: Mapping[str, int],
-) -> Tree:
+def inputs_tree(recording: Recording, intake: Intake, now_s: float) -> Tree:
     """Return what every input delivered, and what of all was taken and rejected."""
-    rows = []
+    rows, links, states = [], recording.links.values(), intake.states(now_s)
     with_topic = {link.key for link in links}
     # Messages that name their observer themselves are peers of whoever that is.
     named = any(key.observer == ANY_OBSERVER for key in with_topic)
@@ -134,17 +130,17 @@ def inputs_tree(
         if key in with_topic or (named and key.kind is LinkKind.PEERS):
             accepted += row['accepted']
             rejected.update(reasons)
-    rejected['malformed'] = sum(wrong.count for wrong in malformed.values())
-    rejected['unreadable'] = sum(unreadable.values())
+    rejected['malformed'] = sum(wrong.count for wrong in intake.malformed.values())
+    rejected['unreadable'] = recording.reading.unreadable.total()
     return {
         'accepted': accepted,
         'rejected': _counts(+rejected),
         'inputs': rows,
         'malformed_by_topic': {
             topic: {'messages': wrong.count, 'last': wrong.last}
-            for topic, wrong in sorted(malformed.items())
+            for topic, wrong in sorted(intake.malformed.items())
         },
-        'unreadable_by_topic': dict(unreadable),
+        'unreadable_by_topic': dict(recording.reading.unreadable),
     }
 
 

@@ -51,21 +51,20 @@ def read_ranges(path: Path) -> list[tuple[str, str, float]]:
 def survey(
     readings: Sequence[tuple[str, str, float]],
     anchors: dict[str, Anchor],
-    error_m: Sequence[float],
-    dimension: int,
-    outliers: int,
+    options: argparse.Namespace,
 ) -> Estimate:
     """Place nodes at rest by all their ranges; those whose coordinates are known are anchors."""
+    low_m, high_m = options.error
     names = {name: None for observer, target, _ in readings for name in (observer, target)}
     try:
         config = FleetConfig(
             robots=tuple(name for name in names if name not in anchors),
-            dimension=dimension,
+            dimension=options.dimension,
             anchors=anchors,
-            range_error=RangeErrorModel(error_m[0], error_m[1], 0.0, 0.0),
+            range_error=RangeErrorModel(low_m, high_m, 0.0, 0.0),
             max_repeats=len(readings),
             max_speed_m_s=0.0,
-            max_outliers=outliers,
+            max_outliers=options.outliers,
             max_conflict_seconds=inf,
             memory_s=0.0,
         )
@@ -138,7 +137,7 @@ def main(args: Sequence[str]) -> int:
     except ValueError as error:
         raise UsageError(f'--anchor: {error}') from error
     readings = read_ranges(options.ranges)
-    estimate = survey(readings, anchors, options.error, options.dimension, options.outliers)
+    estimate = survey(readings, anchors, options)
     wanting = list(missing(estimate))
     for text in wanting:
         print_line(text)

@@ -24,6 +24,7 @@ from visualization_msgs.msg import MarkerArray
 
 from dg_localization.fleet import Estimate, LinkState, Placement
 from dg_localization.fleet.rotations import rotation_of_quaternion
+from dg_localization.ros.interface.parameters.settings import Settings
 from dg_localization.ros.interface.parameters.spec import WrongParameterError
 from dg_localization.ros.interface.poses import feasible_poses, frame_id, in_space, unique_pose
 from msg_adapters import Diagnostics, Marker, MarkerScene, Shape
@@ -77,20 +78,15 @@ def estimate_outputs(robots: tuple[str, ...]) -> tuple[Output, ...]:
     )
 
 
-def estimate_messages(
-    estimate: Estimate,
-    fixed_frame: str,
-    lifetime_s: float,
-    least_deviation_m: float | None = None,
-) -> Iterator[tuple[str, bytes]]:
+def estimate_messages(estimate: Estimate, settings: Settings) -> Iterator[tuple[str, bytes]]:
     """
     Yield the serialized messages of an estimate, each with the name of its topic.
 
     One without placements empties the pose arrays and the view, so that no old answer looks new.
     The array of one robot is for viewers, some of which refuse an array with NaN in it: a
-    placement where its position is not known is left out. Viewers show markers for `lifetime_s`.
+    placement where its position is not known is left out.
     """
-    name = frame_id(estimate.frame, fixed_frame)
+    name = frame_id(estimate.frame, settings.fixed_frame)
     fleet = feasible_poses(estimate, name)
     yield '~/feasible_poses', pose_array_to_cdr(fleet)
     n_robots = len(estimate.robots)
@@ -104,10 +100,10 @@ def estimate_messages(
         )
         yield f'~/{robot}/feasible_poses', pose_array_to_cdr(poses)
     for row, robot in enumerate(estimate.robots):
-        pose = unique_pose(estimate, row, name, least_deviation_m)
+        pose = unique_pose(estimate, row, name, settings.least_deviation_m)
         if pose is not None:
             yield f'~/{robot}/pose', uncertain_pose_to_cdr(pose)
-    yield '~/markers', marker_scene_to_cdr(scene(estimate, name, lifetime_s))
+    yield '~/markers', marker_scene_to_cdr(scene(estimate, name, settings.lifetime_s))
 
 
 ROBOT_DIAMETER_M = 0.3

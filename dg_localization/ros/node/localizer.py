@@ -229,8 +229,7 @@ class LocalizerNode(ManagedNode):
         )
 
     def _with_messages(self, estimate: Estimate) -> TimedEstimate:
-        how = self.settings.fixed_frame, self.settings.lifetime_s, self.settings.least_deviation_m
-        return TimedEstimate(estimate, tuple(estimate_messages(estimate, *how)))
+        return TimedEstimate(estimate, tuple(estimate_messages(estimate, self.settings)))
 
     def _on_warm(self, warm_up: Future[Any]) -> None:
         """Log how long the solver took to be ready; in the thread of the worker."""
