@@ -24,7 +24,7 @@ import time
 from typing import Any
 
 from dg_localization.fleet import solver_warnings, warm_up
-from dg_localization.ros.bags.bag import NS_PER_S, Bag, BagError, in_seconds, open_bag
+from dg_localization.ros.bags.bag import NS_PER_S, Bag, in_seconds, open_bag
 from dg_localization.ros.bags.offline import (
     BagLocalizer,
     BagWriter,
@@ -92,11 +92,11 @@ class BagRun:
 
     def localize(self, stop: StopRequest) -> Tree:
         """Localize, write the answers, and return the report."""
-        span_ns, gaps_ns = self._span_ns(), list[tuple[int, int]]()
+        span_ns, gaps_ns = self.recording.span_ns(), list[tuple[int, int]]()
         settings, recording = self.task.settings, self.recording
         with BagWriter(self.options.output) as writer:
             localizer = BagLocalizer(self.task, recording, writer)
-            events = timeline(recording.messages(), span_ns, settings.rate_hz, gaps_ns)
+            events = timeline(recording, gaps_ns)
             for time_ns, message in events:
                 if stop.is_set():
                     break
@@ -128,19 +128,6 @@ class BagRun:
             'gaps': [{'first_s': first_s, 'last_s': last_s} for first_s, last_s in gaps],
             'notices': [*recording.notices, *(gap_text(*gap) for gap in gaps)],
         }
-
-    def _span_ns(self) -> tuple[int, int]:
-        """Return the first and the last time to read."""
-        bag, options = self.bag, self.options
-        start_ns = bag.start_ns + round(options.start * NS_PER_S)
-        end_ns = bag.end_ns
-        if options.duration is not None:
-            end_ns = min(end_ns, start_ns + round(options.duration * NS_PER_S))
-        period_s, span_s = 1.0 / self.task.settings.rate_hz, (end_ns - start_ns) / NS_PER_S
-        if span_s < period_s:
-            read = f'of {bag.duration_s:.1f} s of the bag {max(0.0, span_s):.1f} s are to be read'
-            raise BagError(f"{read}; there must be {period_s:g} s, one period of 'rate'")
-        return start_ns, end_ns
 
     def _at_s(self, time_ns: int) -> float:
         return (time_ns - self.bag.start_ns) / NS_PER_S

@@ -8,7 +8,7 @@ That is an .mcap, by the package rosbags: equal messages give equal bytes.
 """
 
 import argparse
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 import math
@@ -144,7 +144,8 @@ class Recording:
             raise BagError('; '.join([what, *notices]))
         self.links = {link.topic: link for link in links}
         self.wrong_types = finder.wrong_types
-        self._span_s = options.start, options.duration
+        self._span_s, self._bag = (options.start, options.duration), bag
+        self.rate_hz = settings.rate_hz
         self._truth = read_truth(options.truth, settings, bag)
         self.truth = self._truth.of_fleet(settings.fleet) if options.truth else None
         self.reading = Reading(bag, topics)
@@ -153,6 +154,19 @@ class Recording:
     def messages(self) -> Iterator[BagMessage]:
         """Yield the messages of the span that is to be read, with a bar over its time."""
         return self.reading.shown(*self._span_s)
+
+    def span_ns(self) -> tuple[int, int]:
+        """Return the first and the last time to read."""
+        start_s, duration_s = self._span_s
+        start_ns, end_ns = self._bag.start_ns + round(start_s * NS_PER_S), self._bag.end_ns
+        if duration_s is not None:
+            end_ns = min(end_ns, start_ns + round(duration_s * NS_PER_S))
+        span_s = (end_ns - start_ns) / NS_PER_S
+        if span_s < 1.0 / self.rate_hz:
+            whole_s, read_s = self._bag.duration_s, max(0.0, span_s)
+            read = f'of {whole_s:.1f} s of the bag {read_s:.1f} s are to be read'
+            raise BagError(f"{read}; there must be {1.0 / self.rate_hz:g} s, one period of 'rate'")
+        return start_ns, end_ns
 
     @property
     def notices(self) -> list[str]:
@@ -286,10 +300,7 @@ class BagLocalizer:
 
 
 def timeline(
-    messages: Iterable[BagMessage],
-    span_ns: tuple[int, int],
-    rate_hz: float,
-    gaps_ns: list[tuple[int, int]],
+    recording: Recording, gaps_ns: list[tuple[int, int]]
 ) -> Iterator[tuple[int, BagMessage | None]]:
     """
     Yield messages, and times of answers with None, in order; messages first at the same time.
@@ -297,7 +308,7 @@ def timeline(
     The first answer is one period after the start, the last not after the end. Times without a
     message for long are left out, and added to the gaps.
     """
-    start_ns, end_ns = span_ns
+    (start_ns, end_ns), rate_hz = recording.span_ns(), recording.rate_hz
     number, last_ns = 1, start_ns
 
     def answers(until_ns: int) -> Iterator[tuple[int, None]]:
@@ -312,7 +323,7 @@ def timeline(
             gaps_ns.append((last_ns, min(until_ns, end_ns)))
             number = max(number, math.ceil((until_ns - start_ns) / NS_PER_S * rate_hz))
 
-    for message in messages:
+    for message in recording.messages():
         yield from answers(message.time_ns)
         yield message.time_ns, message
         last_ns = max(last_ns, message.time_ns)

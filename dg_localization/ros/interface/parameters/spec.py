@@ -171,6 +171,7 @@ class Spec:
 
 
 Specs = Mapping[str, Spec]
+Hint = Callable[[str, Collection[str]], str]
 
 
 def given_values(node: Node) -> dict[str, Any]:
@@ -195,11 +196,7 @@ def checked(specs: Specs, given: Mapping[str, Any]) -> dict[str, Any]:
     return {name: spec.check(name, given.get(name, spec.default)) for name, spec in specs.items()}
 
 
-def refuse_unknown(
-    given: Iterable[str],
-    known: Collection[str],
-    hint: Callable[[str, Collection[str]], str] = close_name,
-) -> None:
+def refuse_unknown(given: Iterable[str], known: Collection[str], hint: Hint = close_name) -> None:
     """Raise `WrongParameterError`, with a hint, where a name that is given is not known."""
     for name in given:
         # rclpy declares those of /clock, /parameter_events and /rosout by whatever name they have.
