@@ -10,7 +10,7 @@ from typing import Any
 from msg_adapters.headers import message_class
 
 
-class UnknownTypeError(KeyError):
+class UnknownTypeError(KeyError, ValueError):
     """No adapter is registered for the message type, or its package is not installed."""
 
     def __str__(self) -> str:

@@ -24,14 +24,13 @@ from dg_localization.fleet import (
     SensorBounds,
 )
 from dg_localization.fleet.rotations import quaternion_of_euler, rotation_of_quaternion
-from dg_localization.ros.interface.parameters.spec import refused
+from dg_localization.ros.interface.parameters.spec import close_name, refused
 from dg_localization.ros.interface.parameters.table import fields_of
 from msg_adapters import (
     CameraReading,
     IdentifiedReading,
     PeersReading,
     PixelReading,
-    UnknownTypeError,
     adapter_for,
     known_types,
 )
@@ -197,17 +196,11 @@ def kind_of(type_name: str) -> LinkKind:
     """Return what messages of a type measure; raise ValueError where they are no input."""
     inputs = [name for name in known_types() if adapter_for(name).value_class in KIND_OF_VALUE]
     if type_name not in inputs:
-        last = type_name.rpartition('/')[2]
-        meant = [name for name in inputs if name.rpartition('/')[2] == last]
-        wanted = (
-            f"did you mean '{meant[0]}'?" if meant else f'it must be one of {", ".join(inputs)}'
-        )
-        raise ValueError(f"type '{type_name}' is no input; {wanted}")
+        hint = close_name(type_name, inputs) or f'; it must be one of {", ".join(inputs)}'
+        raise ValueError(f"type '{type_name}' is no input{hint}")
     adapter = adapter_for(type_name)
-    try:
-        adapter.message_class()
-    except UnknownTypeError as error:
-        raise ValueError(str(error)) from None
+    # It raises where the package is not installed.
+    adapter.message_class()
     return KIND_OF_VALUE[adapter.value_class]
 
 
