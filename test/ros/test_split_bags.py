@@ -50,7 +50,7 @@ def test_what_was_latched_before_the_start_counts(recorder):
             recorder.write('/latched', step, range_message(time_ns, 1.0 + step))
         recorder.write('/volatile', step, range_message(time_ns, 1.0))
     with open_bag(recorder.close()) as bag:
-        read = list(Reading(bag).messages(0.5))
+        read = list(Reading(bag, start_s=0.5).messages())
     assert [message.topic for message in read[:2]] == ['/latched', '/volatile']
     assert read[0].time_ns == START_NS + 5 * PERIOD_NS
     assert len(read) == 1 + 5 + 1

@@ -45,7 +45,7 @@ def collect(task: Task, recording: Recording) -> Gatherer:
     """Return the readings of a bag; print what is not learned of."""
     gatherer, rejected = Gatherer(task.settings.fleet), Counter[str]()
     intake = Intake(gatherer, task.settings.use_header_stamp, task.settings.ids)
-    for message in recording.messages():
+    for message in recording.reading.shown():
         now_s = in_seconds(message.time_ns)
         rejection = intake.take(recording.links[message.topic], message.data, now_s)
         if rejection is not None:

@@ -144,23 +144,15 @@ class Recording:
             raise BagError('; '.join([what, *notices]))
         self.links = {link.topic: link for link in links}
         self.wrong_types = finder.wrong_types
-        self._span_s, self._bag = (options.start, options.duration), bag
-        self.rate_hz = settings.rate_hz
+        self._bag, self.rate_hz = bag, settings.rate_hz
         self._truth = read_truth(options.truth, settings, bag)
         self.truth = self._truth.of_fleet(settings.fleet) if options.truth else None
-        self.reading = Reading(bag, topics)
+        self.reading = Reading(bag, topics, options.start, options.duration)
         self._notices = (*bag.notices, *notices, *self.reading.notices, *self._truth.notices)
-
-    def messages(self) -> Iterator[BagMessage]:
-        """Yield the messages of the span that is to be read, with a bar over its time."""
-        return self.reading.shown(*self._span_s)
 
     def span_ns(self) -> tuple[int, int]:
         """Return the first and the last time to read."""
-        start_s, duration_s = self._span_s
-        start_ns, end_ns = self._bag.start_ns + round(start_s * NS_PER_S), self._bag.end_ns
-        if duration_s is not None:
-            end_ns = min(end_ns, start_ns + round(duration_s * NS_PER_S))
+        start_ns, end_ns = self.reading.start_ns, min(self._bag.end_ns, self.reading.stop_ns)
         span_s = (end_ns - start_ns) / NS_PER_S
         if span_s < 1.0 / self.rate_hz:
             whole_s, read_s = self._bag.duration_s, max(0.0, span_s)
@@ -323,7 +315,7 @@ def timeline(
             gaps_ns.append((last_ns, min(until_ns, end_ns)))
             number = max(number, math.ceil((until_ns - start_ns) / NS_PER_S * rate_hz))
 
-    for message in recording.messages():
+    for message in recording.reading.shown():
         yield from answers(message.time_ns)
         yield message.time_ns, message
         last_ns = max(last_ns, message.time_ns)

@@ -39,10 +39,12 @@ class BagMessage(NamedTuple):
 
 class Reading:
     """
-    Some topics of a bag, by default all, to be read.
+    Some topics of a bag, by default all, to be read in a part of its time, by default in all.
 
     Attributes
     ----------
+    start_ns, stop_ns : int
+        The part to be read.
     topics : list of Topic
         Those that can be read.
     notices : list of str
@@ -57,8 +59,17 @@ class Reading:
 
     """
 
-    def __init__(self, bag: Bag, names: Iterable[str] | None = None) -> None:
+    def __init__(
+        self,
+        bag: Bag,
+        names: Iterable[str] | None = None,
+        start_s: float = 0.0,
+        duration_s: float | None = None,
+    ) -> None:
         self.bag = bag
+        self.start_ns, self.stop_ns = bag.start_ns + round(start_s * NS_PER_S), END_OF_ROS_TIME_NS
+        if duration_s is not None:
+            self.stop_ns = self.start_ns + round(duration_s * NS_PER_S)
         self.topics: list[Topic] = []
         self.notices: list[str] = []
         self.unreadable: Counter[str] = Counter()
@@ -105,48 +116,42 @@ class Reading:
         texts = [f'{name}: none of its messages could be read' for name in lost]
         return [*self.bag.damage, *self._undecodable, *texts]
 
-    def shown(self, start_s: float, duration_s: float | None) -> Iterator[BagMessage]:
+    def shown(self) -> Iterator[BagMessage]:
         """Yield the messages with a bar over the time of the bag."""
-        done_ns = self.bag.start_ns + round(start_s * NS_PER_S)
-        left_s = max(0.0, self.bag.duration_s - start_s)
-        with closing(make_progress(min(left_s, duration_s or left_s))) as progress:
-            for message in self.messages(start_s, duration_s):
+        done_ns = self.start_ns
+        left_ns = max(0, min(self.bag.end_ns + 1, self.stop_ns) - done_ns)
+        with closing(make_progress(left_ns / NS_PER_S)) as progress:
+            for message in self.messages():
                 yield message
                 progress.update((message.time_ns - done_ns) / NS_PER_S)
                 done_ns = message.time_ns
 
-    def messages(
-        self, start_s: float = 0.0, duration_s: float | None = None
-    ) -> Iterator[BagMessage]:
+    def messages(self) -> Iterator[BagMessage]:
         """
         Yield the messages in the order of their receive times.
 
         What was latched before the start comes at the start, as a late subscriber gets it.
         """
-        start_ns = self.bag.start_ns + round(start_s * NS_PER_S)
-        stop_ns = END_OF_ROS_TIME_NS
-        if duration_s is not None:
-            stop_ns = start_ns + round(duration_s * NS_PER_S)
         latched = {
             topic.name: deque[BagMessage](maxlen=max(1, sum(q.depth for q in topic.offered_qos)))
             for topic in self.topics
             if topic.latched
         }
-        for message in self._in_order(stop_ns):
-            if message.time_ns >= start_ns:
+        for message in self._in_order():
+            if message.time_ns >= self.start_ns:
                 for kept in latched.values():
                     yield from kept
                 latched.clear()
                 yield message
             elif message.topic in latched:
-                latched[message.topic].append(message._replace(time_ns=start_ns))
+                latched[message.topic].append(message._replace(time_ns=self.start_ns))
 
-    def _in_order(self, stop_ns: int) -> Iterator[BagMessage]:
+    def _in_order(self) -> Iterator[BagMessage]:
         """Yield the messages before a time in the order of their times."""
         waiting: list[tuple[int, int, BagMessage]] = []
         latest_ns = 0
         for number, (topic, time_ns, data) in enumerate(self.bag.records()):
-            if topic not in self._converters or time_ns >= stop_ns:
+            if topic not in self._converters or time_ns >= self.stop_ns:
                 continue
             try:
                 message = BagMessage(topic, time_ns, self._converters[topic](data))

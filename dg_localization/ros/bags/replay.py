@@ -104,7 +104,7 @@ def _qos(latched: bool) -> QoSProfile:
 def replay(node: Node, options: argparse.Namespace) -> None:
     """Do what the command line asks for."""
     with open_bag(options.bag) as bag:
-        reading = Reading(bag, options.topics)
+        reading = Reading(bag, options.topics, options.start, options.duration)
         for notice in (*bag.damage, *bag.notices, *reading.notices):
             print_line(notice)
         if bag.duration_s < options.start:
@@ -119,11 +119,10 @@ def replay(node: Node, options: argparse.Namespace) -> None:
         print_line(f'{len(topics)} topics, {bag.duration_s:.1f} s; waiting for subscribers')
         if not replayer.wait_for_subscribers(options.wait):
             print_line(f'nobody subscribed within {options.wait:g} s; playing all the same')
-        start_ns = bag.start_ns + round(options.start * NS_PER_S)
         while True:
             next_pass_s = time.monotonic() + SHORTEST_PASS_S
-            recorded = reading.shown(options.start, options.duration)
-            count = replayer.play((one for one in recorded if one.topic != CLOCK), start_ns)
+            recorded = (message for message in reading.shown() if message.topic != CLOCK)
+            count = replayer.play(recorded, reading.start_ns)
             print_line(f'{count} messages published')
             for topic, unreadable in sorted(reading.unreadable.items()):
                 print_line(f'{topic}: {unreadable} damaged messages were passed over')
