@@ -288,7 +288,7 @@ def place(box: FloatArray, dimension: int, most_steps: int) -> FloatArray:
     n_points = len(positions)
     n_pairs = n_points * (n_points - 1) // 2
     pairs = np.empty((n_pairs, 2), dtype=np.int64)
-    lower, upper = np.empty((2, n_pairs))
+    lower, upper = np.empty(n_pairs), np.empty(n_pairs)
     x = 0
     for i in range(n_points):
         for j in range(i + 1, n_points):
