@@ -62,7 +62,7 @@ PATCHES_SHARE = 0.5
 PATCHES_SHARE_ALONE = 0.7
 """and this part where what follows is a placement."""
 
-MOST_WORK = 1_000_000
+MOST_WORK = 900_000
 """Choices times the cube of the points, up to which each choice is contracted as a whole. Of more
 choices, few would be in time; chains bound those better that are not."""
 
