@@ -106,8 +106,8 @@ class Hypothesis:
             and `upper`.
 
         """
-        index = np.ix_(points, points)
-        return self.lower[index], self.upper[index]
+        rows = np.array(points, dtype=np.int64)
+        return self.lower[rows[:, None], rows], self.upper[rows[:, None], rows]
 
 
 @dataclass(frozen=True)
