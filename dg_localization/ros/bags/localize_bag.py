@@ -13,7 +13,7 @@ process of its own: nothing is shared but the files. `solver.max_seconds`,
 """
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 import json
 import os
@@ -156,21 +156,30 @@ def localize_many(options: argparse.Namespace, args: Sequence[str]) -> int:
     with writing(options.output):
         options.output.mkdir(parents=True)
     running: list[subprocess.Popen[str]] = []
+    shared = ['--params', str(options.params), '--start', str(options.start)]
+    shared += ['--duration', str(options.duration)] if options.duration is not None else []
+    shared += ['--truth', *options.truth] if options.truth else []
+    is_of_ros = False
+    for argument in args:
+        is_of_ros = argument == '--ros-args' or (is_of_ros and argument != '--')
+        shared += [argument] if is_of_ros else []
     # A thread waits for each process.
     with ThreadPoolExecutor(int(options.jobs)) as threads:
-        futures = {}
+        futures = []
         for name, bag in bags.items():
-            arguments = list(_arguments(options, args, bag, options.output / name))
-            futures[name] = threads.submit(_localize, name, options.output, arguments, running)
+            folder = options.output / name
+            own = [str(bag), '-o', str(folder / ANSWERS), '--report', str(folder / REPORT)]
+            own += ['--plot', str(folder / options.plot.name)] if options.plot else []
+            futures.append(threads.submit(_localize, folder, [*own, *shared], running))
         try:
-            for done, future in enumerate(as_completed(futures.values()), start=1):
+            for done, future in enumerate(as_completed(futures), start=1):
                 print_line(f'{done} of {len(bags)} bags: {future.result()["name"]}')
         except KeyboardInterrupt:
             threads.shutdown(wait=False, cancel_futures=True)
             for process in running:
                 process.terminate()
             raise
-    outcomes = [future.result() for future in futures.values()]
+    outcomes = [future.result() for future in futures]
     text = many_as_markdown(outcomes)
     if options.report is not None:
         is_json = options.report.suffix == '.json'
@@ -179,30 +188,10 @@ def localize_many(options: argparse.Namespace, args: Sequence[str]) -> int:
     return max(outcome['exit_code'] for outcome in outcomes)
 
 
-def _arguments(
-    options: argparse.Namespace, args: Sequence[str], bag: Path, folder: Path
-) -> Iterator[str]:
-    """Yield the arguments of the process that localizes one bag."""
-    yield from (str(bag), '-o', str(folder / ANSWERS), '--report', str(folder / REPORT))
-    plot = options.plot and folder / options.plot.name
-    for name, value in {**vars(options), 'plot': plot}.items():
-        if name in ('params', 'start', 'duration', 'plot') and value is not None:
-            yield from (f'--{name}', str(value))
-    if options.truth:
-        yield from ('--truth', *options.truth)
-    is_of_ros = False
-    for argument in args:
-        is_of_ros = argument == '--ros-args' or (is_of_ros and argument != '--')
-        if is_of_ros:
-            yield argument
-
-
-def _localize(
-    name: str, output: Path, arguments: Sequence[str], running: list[subprocess.Popen[str]]
-) -> Tree:
+def _localize(folder: Path, arguments: Sequence[str], running: list[Any]) -> Tree:
     """Localize one bag in a process of its own; return exit code, report and error."""
-    (output / name).mkdir()
-    report = output / name / REPORT
+    folder.mkdir()
+    report = folder / REPORT
     # In a session of its own Ctrl-C does not reach it twice, which would end it at once.
     process = subprocess.Popen(
         [sys.executable, '-m', 'dg_localization.ros', 'localize_bag', *arguments],
@@ -220,7 +209,7 @@ def _localize(
     is_told = found and (not code or found['ending'] or found['damage'])
     error = '' if is_told else said
     return {
-        'name': name,
+        'name': folder.name,
         'exit_code': code or (EXIT_FAILED if found is None else 0),
         'error': error,
         'report': found,

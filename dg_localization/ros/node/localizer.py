@@ -50,12 +50,7 @@ from dg_localization.ros.node import worker
 from dg_localization.ros.node.clock import NodeTime, Pace, RateMeter
 from dg_localization.ros.node.inputs import Inputs
 from dg_localization.ros.node.lifecycle import FleetLog, LiveParameters, ManagedNode, transition
-from dg_localization.ros.node.worker import (
-    EstimateWorker,
-    exit_code_despite_worker,
-    load_for_good,
-    longest_estimate_s,
-)
+from dg_localization.ros.node.worker import EstimateWorker, exit_code_despite_worker, load_for_good
 from dg_localization.ros.spinning import BATCH_S, STEADY, at_most_every, spin
 from msg_adapters import Diagnostics
 from msg_adapters.poses import transforms_to_cdr
@@ -173,9 +168,11 @@ class LocalizerNode(ManagedNode):
         self._keep_pace()
 
     def _keep_pace(self) -> None:
-        self._rate = RateMeter(self.settings.rate_hz)
-        self._pace = Pace(self.settings.rate_hz, self.settings.fleet.solver.tighten_seconds)
-        self._longest_estimate_s = longest_estimate_s(self.settings.fleet)
+        rate_hz, fleet = self.settings.rate_hz, self.settings.fleet
+        self._rate, self._pace = RateMeter(rate_hz), Pace(rate_hz, fleet.solver.tighten_seconds)
+        # By its limits.
+        self._longest_estimate_s = fleet.solver.max_seconds + fleet.memory_max_seconds
+        self._longest_estimate_s += fleet.max_conflict_seconds
 
     def _apply(self, settings: Settings) -> None:
         """Go on with other settings of the same fleet."""

@@ -13,7 +13,7 @@ from threading import Event, Lock, enumerate as running_threads, get_native_id
 import time
 from typing import Any, Generic, TypeVar
 
-from dg_localization.fleet import FleetConfig, Snapshot, warm_up
+from dg_localization.fleet import Snapshot, warm_up
 
 A = TypeVar('A')
 
@@ -127,11 +127,6 @@ def exit_code_despite_worker(code: int) -> int:
         sys.stderr.flush()
         os._exit(code)
     return code
-
-
-def longest_estimate_s(fleet: FleetConfig) -> float:
-    """Return how long an estimate may take by its limits."""
-    return fleet.solver.max_seconds + fleet.memory_max_seconds + fleet.max_conflict_seconds
 
 
 def load_for_good() -> None:
