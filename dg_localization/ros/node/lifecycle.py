@@ -40,9 +40,7 @@ LOOKS_BETWEEN = 5
 """A fleet that comes and goes is logged once in this many looks at most."""
 
 
-def transition(
-    method: Callable[[N], None],
-) -> Callable[[N, LifecycleState], TransitionCallbackReturn]:
+def transition(method: Callable[[N], None]) -> Callable[..., TransitionCallbackReturn]:
     """Make a transition callback of a method that raises when it fails; rclpy would not log it."""
 
     @wraps(method)
