@@ -31,7 +31,7 @@ SENSOR_DATA = QoSProfile(depth=QUEUE_DEPTH, reliability=ReliabilityPolicy.BEST_E
 LATCHED = QoSProfile(depth=QUEUE_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 # rclpy would report publishers of other quality of service, of which there are none for
-# `SENSOR_DATA`, and of other types, which `Inputs.wrong_types` contains.
+# `SENSOR_DATA`, and of other types, which the finder knows.
 NO_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
 
 
@@ -68,6 +68,11 @@ class Inputs:
         Called with the link and the bytes of each message, and how long it has waited since the
         middleware received it, in s.
 
+    Attributes
+    ----------
+    finder : TopicFinder
+        What knows inputs whose topic has endpoints of other types.
+
     """
 
     def __init__(
@@ -77,7 +82,7 @@ class Inputs:
         self._take = take
         self._n_robots = len(settings.fleet.robots)
         self._group = PolledGroup()
-        self._finder = TopicFinder(settings.templates, settings.links, settings.fleet.points)
+        self.finder = TopicFinder(settings.templates, settings.links, settings.fleet.points)
         self._subscriptions: dict[Link, Subscription] = {}
         for link in settings.links:
             self._subscribe(link)
@@ -92,25 +97,20 @@ class Inputs:
         """The inputs that are subscribed to."""
         return tuple(self._subscriptions)
 
-    @property
-    def wrong_types(self) -> dict[Link, tuple[str, ...]]:
-        """Inputs whose topic has endpoints of other types, with these types."""
-        return self._finder.wrong_types
-
     def search(self) -> None:
         """Subscribe to topics that have come into being, and log those of a wrong type once."""
-        known = self._finder.wrong_types
-        for link in self._finder.find(self._node.get_topic_names_and_types()):
+        known = self.finder.wrong_types
+        for link in self.finder.find(self._node.get_topic_names_and_types()):
             self._subscribe(link)
         for link in [link for link in self.links if link.key.kind is LinkKind.CAMERA]:
             self._follow_durability(link)
-        for link in self._finder.passed_over:
+        for link in self.finder.passed_over:
             self._node.get_logger().warning(
                 f'{link.topic}: not read: a link replaces what templates give for {link.key}; '
                 'name this topic in a link, too, if both are to be read'
             )
-        for link in self._finder.wrong_types.keys() - known.keys():
-            types = ', '.join(self._finder.wrong_types[link])
+        for link in self.finder.wrong_types.keys() - known.keys():
+            types = ', '.join(self.finder.wrong_types[link])
             self._node.get_logger().warning(
                 f'{link.topic}: wrong type: the topic has {types}, this input is {link.type_name}'
             )
@@ -129,7 +129,7 @@ class Inputs:
         for subscription in self._subscriptions.values():
             self._node.destroy_subscription(subscription)
         self._subscriptions.clear()
-        self._finder.wrong_types.clear()
+        self.finder.wrong_types.clear()
 
     def _poll(self) -> None:
         """

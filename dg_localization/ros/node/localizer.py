@@ -331,7 +331,7 @@ class LocalizerNode(ManagedNode):
             links=self._inputs.links if self._inputs else (),
             inputs=self._intake.states(now_s),
             malformed=self._intake.malformed,
-            wrong_types=self._inputs.wrong_types if self._inputs else {},
+            wrong_types=self._inputs.finder.wrong_types if self._inputs else {},
             rejecting=self._intake.rejecting(now_s),
             seconds=self._seconds,
         )
