@@ -7,9 +7,8 @@ import ast
 import graphlib
 from pathlib import Path
 import re
-import subprocess
-import sys
 
+from plain_python import run_python
 import pytest
 
 REPOSITORY = Path(__file__).parents[1]
@@ -112,8 +111,8 @@ def test_core_names_no_ros_package(path):
 
 def test_core_runs_without_ros():
     code = f'import sys, {", ".join(ROS_FREE)}; print(*sys.modules, sep="\\n")'
-    run = {'capture_output': True, 'text': True, 'cwd': REPOSITORY, 'timeout': 60}
-    done = subprocess.run([sys.executable, '-c', code], check=True, **run)
+    done = run_python(code)
+    assert done.returncode == 0, done.stderr
     assert [module for module in done.stdout.split() if ROS.match(module)] == []
 
 
@@ -151,4 +150,4 @@ def test_only_one_room_rounds():
 @pytest.mark.parametrize('package', ['dg_localization', 'msg_adapters'])
 def test_import_needs_neither_numba_nor_ros(package):
     code = f'import sys, {package}; sys.exit(bool({{"numba", "rclpy"}} & set(sys.modules)))'
-    subprocess.run([sys.executable, '-c', code], check=True, cwd=REPOSITORY, timeout=60)
+    assert run_python(code).returncode == 0

@@ -3,32 +3,16 @@
 
 """The executable that compiles the kernels: what it prints, and when it fails."""
 
-import os
-from pathlib import Path
-import subprocess
-import sys
-
+from plain_python import run_python
 import pytest
 
 numba = pytest.importorskip('numba', reason='numba is not installed')
-REPOSITORY = Path(__file__).parents[1]
 WITHOUT_NUMBA = "import sys; sys.modules['numba'] = None\n"
-
-
-def run(code, **environment):
-    return subprocess.run(
-        [sys.executable, '-c', code],
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-        cwd=REPOSITORY,
-        timeout=280.0,
-    )
 
 
 def compile_kernels(before='', **environment):
     code = 'from dg_localization.compile_kernels import main\nraise SystemExit(main([]))'
-    return run(before + code, **environment)
+    return run_python(before + code, **environment)
 
 
 @pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason='nothing is compiled')
@@ -61,5 +45,5 @@ warm_up()
 assert 'compiling' not in warm_up_status() + warning
 assert 'numba is not installed' in warning
 """
-    done = run(WITHOUT_NUMBA + code)
+    done = run_python(WITHOUT_NUMBA + code)
     assert done.returncode == 0, done.stderr

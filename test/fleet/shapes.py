@@ -59,6 +59,20 @@ def missing(placement, places, rotations=None):
     return ''
 
 
+def check_form(placement):
+    """Positions lie in their enclosures, and what is unknown is NaN and unbounded."""
+    low, high = placement.enclosure_m[:, 0], placement.enclosure_m[:, 1]
+    known = np.isfinite(placement.positions_m).all(axis=1)
+    assert placement.positions_m.shape == low.shape and (low <= high).all()
+    assert (placement.positions_m[known] >= low[known]).all()
+    assert (placement.positions_m[known] <= high[known]).all()
+    assert np.isinf(low[~known]).all()
+    turned = placement.orientations_xyzw[placement.heading_known]
+    assert np.allclose(np.linalg.norm(turned, axis=1), 1.0)
+    assert np.isnan(placement.orientations_xyzw[~placement.heading_known]).all()
+    assert (placement.heading_half_width_rad[~placement.heading_known] == np.pi).all()
+
+
 def holds(estimate, places, rotations=None):
     """Return whether a truth lies in a placement of an estimate: places, distances, headings."""
     return not all(missing(one, places, rotations) for one in estimate.placements)

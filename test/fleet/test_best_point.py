@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 from sensing import add_odometry, add_ranges, new_localizer, ray
-from shapes import in_space, random_rotation
+from shapes import check_form, in_space, random_rotation
 
 from dg_localization.fleet import (
     RangeErrorModel,
@@ -22,14 +22,6 @@ ANCHORS[3] = np.vstack([np.pad(ANCHORS[2], ((0, 0), (0, 1))), [4.0, 4.0, 7.0]])
 
 def anchors_of(dimension=2):
     return {f'a{k}': place for k, place in enumerate(ANCHORS[dimension])}
-
-
-def inside(placement):
-    """Return whether every known position is in its enclosure."""
-    known = ~np.isnan(placement.positions_m).any(axis=1)
-    low, high = placement.enclosure_m[known, 0], placement.enclosure_m[known, 1]
-    points = placement.positions_m[known]
-    return bool((low <= points).all() and (points <= high).all())
 
 
 @pytest.mark.parametrize('dimension', [2, 3])
@@ -90,7 +82,8 @@ def test_the_drift_of_odometry_is_shared_by_what_came_before_it():
     localizer = driver()
     pose, now_s = drive(localizer, drift_rad=0.012)
     (placement,) = localizer.step(now_s).placements
-    assert inside(placement) and placement.proved
+    check_form(placement)
+    assert placement.proved
     # Carried by odometry alone, readings of 15 s ago would be 0.36 rad off.
     assert np.linalg.norm(placement.positions_m[0] - pose[:2]) < 0.1
 
@@ -99,7 +92,7 @@ def test_misread_landmarks_hardly_pull():
     localizer = driver(window_outliers=3)
     pose, now_s = drive(localizer, misread=(20, 23, 26))
     (placement,) = localizer.step(now_s).placements
-    assert inside(placement)
+    check_form(placement)
     assert np.linalg.norm(placement.positions_m[0] - pose[:2]) < 0.03
 
 

@@ -116,7 +116,8 @@ def test_beyond_the_maximum_is_a_lower_bound_only_where_stated():
     lower, upper = interpret_range(FAR, math.inf, 0.1, 8.0)
     assert lower == pytest.approx(8.0 * 0.97)
     assert upper == math.inf
-    assert interpret_range(FAR, math.inf, 0.0, 0.0).reason is RejectionReason.NOTHING_IN_RANGE
+    for model, limits in ((FAR, (0.0, 0.0)), (UWB, (0.1, 8.0))):
+        assert interpret_range(model, math.inf, *limits).reason is RejectionReason.NOTHING_IN_RANGE
 
 
 def test_closer_than_the_minimum_is_an_upper_bound():

@@ -68,6 +68,13 @@ def test_a_way_whose_steps_err_by_their_bounds_stays_within(seed):
     assert half_width_rad >= abs(math.remainder(off_rad, math.tau)) - 1e-9
 
 
+def test_before_the_first_odometry_and_after_the_last_the_limits_bound_the_way():
+    readings = [OdometrySample(stamp_s, np.zeros(3), np.eye(3)) for stamp_s in (2.0, 3.0)]
+    displacement_m = motion_of(*readings, speed=0.5).displacement_m
+    for times_s in ((1.0, 3.0), (2.0, 4.0)):
+        assert 0.5 <= displacement_m('a', *times_s) == pytest.approx(0.5)
+
+
 def test_where_odometry_is_missing_the_way_is_as_long_as_the_limits_allow():
     """A robot that drives in a circle meanwhile is back, up to the errors of the whole way."""
     errors = {'translation_per_m': 0.1, 'rotation_per_rad': 0.1, 'max_gap_s': 1.0}

@@ -16,6 +16,7 @@ from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.interval.arrays import Interval
 from dg_localization.poses import PastPoses
 
+STAMPS = 1e9 + np.arange(201) * 0.05
 TERMS = ('translation_per_m', 'translation_per_rad', 'rotation_per_m', 'rotation_per_rad')
 
 
@@ -26,6 +27,14 @@ def drive(rng, steps, error, worst, space):
     stated_yaws = [math.atan2(rotation[1, 0], rotation[0, 0]) for _, rotation in driven.stated]
     stated = np.array([place for place, _ in driven.stated]), np.unwrap(stated_yaws)
     return stated, tuple(np.array([pose[k] for pose in driven.true]) for k in (0, 1))
+
+
+def drifting(kind, seed, worst, **errors):
+    """Return a generator, drawn errors, and a stated and a true track of 201 samples."""
+    rng = np.random.default_rng([seed, worst, kind])
+    terms = {term: rng.choice([0.0, 0.02, 0.2]) for term in TERMS}
+    error = OdometryErrorModel(**terms, **errors)
+    return rng, error, *drive(rng, 200, error, worst, space=seed % 2)
 
 
 def seen_from_last(positions, yaws):
@@ -63,11 +72,8 @@ def assert_inside(poses, positions, yaws):
 @pytest.mark.parametrize('worst', [True, False])
 @pytest.mark.parametrize('seed', range(40))
 def test_drift_at_its_bound_is_inside(seed, worst):
-    rng = np.random.default_rng([seed, worst])
-    error = OdometryErrorModel(**{term: rng.choice([0.0, 0.02, 0.2]) for term in TERMS})
-    stated, true = drive(rng, 200, error, worst, space=seed % 2)
-    stamps = 1e9 + np.arange(201) * 0.05
-    poses = path_of(stamps, stated, error).past_poses(stamps, stamps[-1])
+    _, error, stated, true = drifting(0, seed, worst)
+    poses = path_of(STAMPS, stated, error).past_poses(STAMPS, STAMPS[-1])
     assert_inside(poses, *seen_from_last(*true))
     assert np.all(poses.position_m.upper[-1] - poses.position_m.lower[-1] < 1e-9)
 
@@ -75,17 +81,13 @@ def test_drift_at_its_bound_is_inside(seed, worst):
 @pytest.mark.parametrize('worst', [True, False])
 @pytest.mark.parametrize('seed', range(40))
 def test_drift_at_its_bound_is_inside_a_step_of_the_track(seed, worst):
-    rng = np.random.default_rng([seed, worst, 1])
-    error = OdometryErrorModel(
-        **{term: rng.choice([0.0, 0.02, 0.2]) for term in TERMS}, constant_m=0.3, constant_rad=0.4
-    )
-    stated, (positions, yaws) = drive(rng, 200, error, worst, space=seed % 2)
-    stamps = 1e9 + np.arange(201) * 0.05
-    path = path_of(stamps, stated, error)
+    errors = {'constant_m': 0.3, 'constant_rad': 0.4}
+    rng, error, stated, (positions, yaws) = drifting(1, seed, worst, **errors)
+    path = path_of(STAMPS, stated, error)
     for count in (0, 1, 2, 5, 30, 200):
         first = int(rng.integers(0, 201 - count))
         last = first + count
-        track_step = path.track_step(stamps[first], stamps[last])
+        track_step = path.track_step(STAMPS[first], STAMPS[last])
         step, ball_m = track_step.pose, track_step.ball_m
         ahead = attitude(-yaws[first]) @ (positions[last] - positions[first])
         beyond_m = ahead - np.clip(ahead, step.position_m.lower[0], step.position_m.upper[0])
@@ -101,26 +103,21 @@ def test_drift_at_its_bound_is_inside_a_step_of_the_track(seed, worst):
 @pytest.mark.parametrize('worst', [True, False])
 @pytest.mark.parametrize('seed', range(40))
 def test_drift_at_its_bound_is_inside_where_samples_are_missing(seed, worst):
-    rng = np.random.default_rng([seed, worst, 2])
-    error = OdometryErrorModel(
-        **{term: rng.choice([0.0, 0.02, 0.2]) for term in TERMS}, max_gap_s=0.06
-    )
-    stated, (positions, yaws) = drive(rng, 200, error, worst, space=seed % 2)
+    rng, error, stated, (positions, yaws) = drifting(2, seed, worst, max_gap_s=0.06)
     lengths_m = np.linalg.norm(np.diff(stated[0], axis=0), axis=1)
     turns_rad = np.abs(np.diff(stated[1]))
     limits = MotionLimits(lengths_m.max() / 0.05, turns_rad.max() / 0.05)
-    stamps = 1e9 + np.arange(201) * 0.05
     for missing in (2, 10, 30, 198):
         first = int(rng.integers(0, 200 - missing))
         heard = np.r_[: first + 1, first + missing + 1 : 201]
         track = stated[0][heard], stated[1][heard]
         path = OdometryPath(
-            stamps[heard], track[0], [attitude(yaw) for yaw in track[1]], error, limits, 3
+            STAMPS[heard], track[0], [attitude(yaw) for yaw in track[1]], error, limits, 3
         )
-        poses = path.past_poses(stamps[heard], stamps[-1])
+        poses = path.past_poses(STAMPS[heard], STAMPS[-1])
         assert_inside(poses, *seen_from_last(positions[heard], yaws[heard]))
         ends = first, first + missing + 1
-        step = path.track_step(*stamps[list(ends)])
+        step = path.track_step(*STAMPS[list(ends)])
         ahead = attitude(-yaws[ends[0]]) @ (positions[ends[1]] - positions[ends[0]])
         reached = step.pose.position_m + Interval.around(np.zeros(3), step.ball_m)
         assert_inside(
@@ -253,11 +250,6 @@ def test_yaw_and_tilt_change_faster_than_a_steep_body_turns():
     assert path.past_poses([0.0], 5.0).yaw_rad.upper[0] > math.pi
 
 
-def level_path(stamps_s, places_m, error, limits):
-    rotations = np.tile(np.eye(3), (len(stamps_s), 1, 1))
-    return OdometryPath(np.array(stamps_s), np.array(places_m), rotations, error, limits)
-
-
 def test_a_late_stamp_leaves_all_that_lies_between_the_samples_around_it():
     """The robot is as far from two samples as these are apart, and farther from the nearest."""
     height_m = math.sqrt(0.75)
@@ -265,8 +257,8 @@ def test_a_late_stamp_leaves_all_that_lies_between_the_samples_around_it():
     at_rest = [0.0, 0.0, 0.0]
     places_m = [at_rest, [1.0, 0.0, 0.0], [0.5, height_m, 0.0], at_rest, at_rest, at_rest, at_rest]
     error = OdometryErrorModel(latency_s=0.1, max_gap_s=math.inf)
-    limits = MotionLimits(1000.0, 10.0)
-    past = level_path(stamps_s, places_m, error, limits).past_poses([1.0], 4.05)
+    path = OdometryPath(stamps_s, places_m, [np.eye(3)] * 7, error, MotionLimits(1000.0, 10.0))
+    past = path.past_poses([1.0], 4.05)
     farthest_m = np.array([1.5, height_m])
     lower_m, upper_m = past.position_m.lower[0, :2], past.position_m.upper[0, :2]
     assert (lower_m <= farthest_m).all() and (farthest_m <= upper_m).all()
@@ -287,16 +279,11 @@ def test_between_two_samples_the_errors_of_the_step_count():
     assert past.yaw_rad.lower[0] <= -0.4 * 0.2999 <= past.yaw_rad.upper[0]
 
 
-def circle_with_a_gap(error, limits):
-    """Return a path that is seen before and after a whole turn on a circle of radius 1 m only."""
-    stamps_s, circumference_m = [0.0, 0.5, 4.5, 5.0], 2.0 * math.pi
-    places_m = [[-0.5, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.5, 0.0, 0.0]]
-    assert limits.speed_m_s * 4.0 >= circumference_m
-    return level_path(stamps_s, places_m, error, limits)
-
-
 def test_where_samples_are_missing_the_robot_may_be_as_far_as_its_limits_allow():
-    path = circle_with_a_gap(OdometryErrorModel(), MotionLimits(1.6, 1.6))
+    """It may have gone once round a circle of radius 1 m."""
+    stamps_s, limits = [0.0, 0.5, 4.5, 5.0], MotionLimits(1.6, 1.6)
+    places_m = np.outer([-0.5, 0.0, 0.0, 0.5], [1.0, 0.0, 0.0])
+    path = OdometryPath(stamps_s, places_m, [np.eye(3)] * 4, OdometryErrorModel(), limits)
     past = path.past_poses([0.0, 0.5, 2.5, 4.5], 5.0)
     opposite_m = np.array([-0.5, 2.0])
     assert np.all(past.position_m.lower[2, :2] <= opposite_m)

@@ -5,15 +5,14 @@
 
 import os
 from pathlib import Path
-import subprocess
 import sys
 
+from plain_python import run_python
 import pytest
 
 # Without numba there is nothing to compile.
 pytest.importorskip('numba', reason='numba is not installed')
 
-HERE = Path(__file__).parent
 
 WARMED_UP = """
 import sys
@@ -53,13 +52,8 @@ assert before and compiled() == before, set(compiled().items()) - set(before.ite
 """
 
 
-def check(code):
-    """Run some code in a process that is warmed up; it may compile nothing."""
-    code = WARMED_UP + code + NOTHING_WAS_COMPILED
-    folder = {**os.environ, 'PYTHONPATH': os.pathsep.join([str(HERE), *sys.path])}
-    subprocess.run([sys.executable, '-c', code], check=True, timeout=250.0, env=folder)
-
-
 @pytest.mark.parametrize('code', [DRAWN_FLEETS, SOLVED_FLEETS], ids=['drawn', 'solved'])
 def test_estimates_compile_nothing(code):
-    check(code)
+    path = os.pathsep.join([str(Path(__file__).parent), *sys.path])
+    done = run_python(WARMED_UP + code + NOTHING_WAS_COMPILED, PYTHONPATH=path)
+    assert done.returncode == 0, done.stderr

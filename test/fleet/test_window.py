@@ -10,12 +10,10 @@ from threading import Event
 from circling import START_S, Circling
 import numpy as np
 import pytest
-from sensing import new_localizer
+from sensing import anchors_at, new_localizer
+from shapes import check_form
 
 from dg_localization import Verdict
-from dg_localization.fleet import (
-    Anchor,
-)
 from dg_localization.fleet.constraints.constrain import constrain
 from dg_localization.fleet.estimation import estimate_snapshot
 from dg_localization.fleet.frames.finders import fit_with_past
@@ -24,6 +22,7 @@ from dg_localization.fleet.rotations import yaw_of
 from dg_localization.fleet.window.memory import NO_WINDOW
 
 NOISE = 0.02
+TWO = anchors_at({'a': (-4.0, -3.0), 'b': (5.0, -3.0)})
 
 
 @pytest.mark.parametrize('robots', [3, 4])
@@ -55,7 +54,7 @@ def test_what_robots_remember_of_each_other_connects_them(measured):
     assert estimate.n_hypotheses == 1
 
 
-@pytest.mark.parametrize('anchors', [{}, {'a': Anchor((-4.0, -3.0)), 'b': Anchor((5.0, -3.0))}])
+@pytest.mark.parametrize('anchors', [{}, TWO])
 def test_the_best_point_of_robots_without_cameras_is_that_of_the_window(anchors):
     fleet = Circling(3, noise=NOISE, anchors=anchors)
     off_m, off_of_the_moment_m, off_rad = [], [], []
@@ -64,8 +63,7 @@ def test_the_best_point_of_robots_without_cameras_is_that_of_the_window(anchors)
             continue
         (placement,) = estimate.placements
         assert fleet.holding(estimate)
-        low, high = placement.enclosure_m[:, 0], placement.enclosure_m[:, 1]
-        assert np.all((low <= placement.positions_m) & (placement.positions_m <= high))
+        check_form(placement)
         places, yaws = fleet.truth(estimate)
         off_m.append(np.linalg.norm(placement.positions_m - places, axis=1).max())
         off_rad += list(2.0 * np.arcsin(np.abs(np.sin(0.5 * (placement.fitted_yaws_rad - yaws)))))
@@ -156,24 +154,19 @@ def test_an_answer_is_given_for_the_time_up_to_which_odometry_is_known():
     assert Circling(2, memory_s=0.0).localizer.answer_time(5.0) == 5.0
 
 
-@pytest.mark.parametrize('anchors', [{}, {'a': Anchor((-4.0, -3.0)), 'b': Anchor((5.0, -3.0))}])
-def test_without_memory_the_mirror_image_stays_and_keeps_its_number(anchors):
+@pytest.mark.parametrize(
+    ('settings', 'odometry'),
+    [({'memory_s': 0.0}, None), ({'memory_s': 0.0, 'anchors': TWO}, None), ({}, ())],
+)
+def test_without_memory_or_odometry_the_mirror_image_stays(settings, odometry):
     """Beside two anchors both have one shape: only their positions tell them apart."""
-    fleet = Circling(3, memory_s=0.0, anchors=anchors)
-    for estimate in fleet.drive(10.0):
+    for estimate in Circling(3, **settings).drive(10.0, odometry=odometry):
         assert estimate.n_hypotheses == 2
         assert not estimate.placements[0].heading_known.any()
         assert [placement.number for placement in estimate.placements] == [1, 2]
 
 
-def test_without_odometry_there_is_no_memory():
-    fleet = Circling(3)
-    fleet.localizer.add_odometry = lambda *_: None
-    for estimate in fleet.drive(10.0):
-        assert estimate.n_hypotheses == 2
-
-
-ANCHORS = {'west': Anchor((-4.0, 0.0)), 'east': Anchor((6.0, 1.0)), 'north': Anchor((0.0, 7.0))}
+ANCHORS = anchors_at({'west': (-4.0, 0.0), 'east': (6.0, 1.0), 'north': (0.0, 7.0)})
 
 
 def test_robots_among_anchors_get_headings_and_stay_placed_without_measurements():

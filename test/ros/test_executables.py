@@ -4,9 +4,8 @@
 """The executables before they have imported what they run."""
 
 import signal
-import subprocess
-import sys
 
+from plain_python import run_python
 from processes import PIPES, start
 import pytest
 
@@ -39,12 +38,7 @@ sys.exit(getattr(executables, sys.argv[1])())
     ],
 )
 def test_signal_during_the_imports_ends_the_process_cleanly(name, number, code):
-    done = subprocess.run(
-        [sys.executable, '-c', CODE, name, str(number)],
-        capture_output=True,
-        text=True,
-        timeout=60.0,
-    )
+    done = run_python(CODE, name, str(number))
     assert (done.returncode, done.stdout, done.stderr) == (code, 'importing\n', '')
 
 

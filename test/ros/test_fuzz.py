@@ -14,6 +14,7 @@ from hostile_messages import CLOUD, HostileFleet, serialized
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message
+from shapes import check_form
 
 from dg_localization import Verdict
 from dg_localization.fleet import Localizer
@@ -107,11 +108,7 @@ def check_snapshot(snapshot):
 def check_estimate(estimate, taker):
     """Assert that an estimate is well formed, and can be published and reported."""
     for placement in estimate.placements:
-        low, high = placement.enclosure_m[:, 0], placement.enclosure_m[:, 1]
-        known = np.isfinite(placement.positions_m).all(axis=1)
-        assert (low <= high).all() and np.isinf(low[~known]).all()
-        assert (placement.positions_m[known] >= low[known]).all()
-        assert (placement.positions_m[known] <= high[known]).all()
+        check_form(placement)
     assert all(data for _, data in estimate_messages(estimate, AS_MAP))
     now_s = taker.fleet.now_s
     report = report_on(
@@ -128,17 +125,20 @@ def check_estimate(estimate, taker):
 
 def holds_truth(placement, fleet):
     """Return whether true distances are possible between the enclosures of a placement."""
-    boxes = np.concatenate([placement.enclosure_m, placement.landmark_enclosure_m])
-    for i, first in enumerate(fleet.positions_m):
-        for j, second in enumerate(fleet.positions_m[:i]):
-            gap = np.maximum(boxes[i, 0] - boxes[j, 1], boxes[j, 0] - boxes[i, 1]).clip(0.0)
-            reach = np.maximum(boxes[i, 1] - boxes[j, 0], boxes[j, 1] - boxes[i, 0])
-            distance = np.linalg.norm(first - second)
-            if not np.linalg.norm(gap) - TOLERANCE_M <= distance:
-                return False
-            if not distance <= np.linalg.norm(reach) + TOLERANCE_M:
-                return False
-    return True
+    low, high = np.moveaxis(
+        np.concatenate([placement.enclosure_m, placement.landmark_enclosure_m]), 1, 0
+    )
+    apart_m, least_m, most_m = (
+        np.linalg.norm(ways, axis=-1)
+        for ways in (
+            fleet.positions_m[:, None] - fleet.positions_m,
+            np.maximum(low[:, None] - high, low - high[:, None]).clip(0.0),
+            np.maximum(high[:, None] - low, high - low[:, None]),
+        )
+    )
+    off = ~np.eye(len(apart_m), dtype=bool)
+    inside = (least_m - TOLERANCE_M <= apart_m) & (apart_m <= most_m + TOLERANCE_M)
+    return bool(inside[off].all())
 
 
 def same_readings(first, second):

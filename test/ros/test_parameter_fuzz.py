@@ -46,19 +46,18 @@ NUMBERS = (*(0, 1, -1, 2, 3, 7, 2**31, 2**63 - 1, -(2**63), 0.5), *FLOATS)
 
 def any_value(random):
     """Return what rclpy makes of something in a file."""
-    kind = random.randrange(8)
-    many = [0, 1, 2, 3, 5]
-    if kind == 0:
-        return random.choice((None, True, False, [], array('d'), array('q'), [b'x'], b'x'))
-    if kind in (1, 2):
-        return random.choice(NUMBERS)
-    if kind in (3, 4):
-        return random.choice(TEXTS)
-    if kind == 5:
-        return [random.choice(TEXTS) for _ in range(random.choice(many))]
-    if kind == 6:
-        return [float(random.choice(NUMBERS)) for _ in range(random.choice(many))]
-    return array('q', [random.choice((0, 1, -1, 2**62)) for _ in range(random.choice(many))])
+
+    def several(values):
+        return [random.choice(values) for _ in range(random.choice((0, 1, 2, 3, 5)))]
+
+    kinds = (
+        lambda: random.choice((None, True, False, [], array('d'), array('q'), [b'x'], b'x')),
+        *2 * (lambda: random.choice(NUMBERS), lambda: random.choice(TEXTS)),
+        lambda: several(TEXTS),
+        lambda: [float(number) for number in several(NUMBERS)],
+        lambda: array('q', several((0, 1, -1, 2**62))),
+    )
+    return random.choice(kinds)()
 
 
 def names_something(text, given):

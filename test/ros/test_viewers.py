@@ -112,18 +112,14 @@ def test_a_name_is_not_drawn_over_its_robot_nor_twice_at_the_same_place(paper_fl
     array = markers_of(estimate_of(paper_fleet, False))
     (robots,) = [marker for marker in array.markers if marker.ns == 'robots']
     names = [marker for marker in array.markers if marker.ns == 'names']
-    points = np.array([[p.x, p.y] for p in robots.points])
-    for marker in names:
-        place = np.array([marker.pose.position.x, marker.pose.position.y])
-        radius_m = robots.scale.x / 2.0
-        assert np.linalg.norm(points - place, axis=1).min() > radius_m
-        same = [other for other in names if other.text == marker.text]
-        gaps = [
-            np.hypot(place[0] - o.pose.position.x, place[1] - o.pose.position.y)
-            for o in same
-            if o is not marker
-        ]
-        assert min(gaps, default=1.0) > marker.scale.z
+    places = [marker.pose.position for marker in names]
+    points, places = (np.array([[p.x, p.y] for p in found]) for found in (robots.points, places))
+    to_points, apart = (
+        np.linalg.norm(places[:, None] - others, axis=-1) for others in (points, places)
+    )
+    assert to_points.min() > robots.scale.x / 2.0
+    same = [[one is not other and one.text == other.text for other in names] for one in names]
+    assert apart[same].min(initial=1.0) > names[0].scale.z
     assert len(names) < len(robots.points) / 3
 
 

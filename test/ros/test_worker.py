@@ -5,10 +5,10 @@
 
 from concurrent.futures import ThreadPoolExecutor
 import os
-import subprocess
 import sys
 from threading import Event, get_native_id
 
+from plain_python import run_python
 import pytest
 
 from dg_localization.ros.node.worker import (
@@ -53,7 +53,7 @@ running.wait()
 one.close()
 sys.exit(worker.exit_code_despite_worker(3))
 """
-    assert subprocess.run([sys.executable, '-c', code], timeout=60.0).returncode == 3
+    assert run_python(code).returncode == 3
 
 
 FREEZING = """
@@ -65,8 +65,6 @@ print(gc.get_freeze_count(), len(gc.get_objects()))
 
 
 def test_collections_leave_out_what_the_kernels_are_made_of():
-    done = subprocess.run(
-        [sys.executable, '-c', FREEZING], capture_output=True, text=True, timeout=600, check=True
-    )
+    done = run_python(FREEZING)
     left_out, looked_at = map(int, done.stdout.split())
     assert left_out > 100 * looked_at

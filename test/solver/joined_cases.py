@@ -12,6 +12,8 @@ from solver_cases import (
     bounds_around,
     covers,
     drawn_options,
+    holding,
+    is_in,
     known_orientations,
     orientation,
     squared_distances,
@@ -158,27 +160,19 @@ def holds(result, positions, squared):
     return not missing(result, positions, squared)
 
 
-def missing(result, positions, squared):
-    """Return where in an answer a placement is missing."""
-    found = []
-    if not ((result.lower <= squared) & (squared <= result.upper)).all():
+def missing(result, positions, squared, share=0.0):
+    """Return where in an answer a placement is missing, up to a share of the largest distance."""
+    found, slack = [], share * squared.max()
+    if not holding([result], squared, share):
         found.append('bounds')
-    inside = []
     for piece in result.pieces:
         part = squared[np.ix_(piece.points, piece.points)]
-        inside.append(
-            {
-                x
-                for x, hypothesis in enumerate(piece.hypotheses)
-                if any(((box[0] <= part) & (part <= box[1])).all() for box in hypothesis.boxes)
-            }
-        )
-        if not inside[-1]:
+        if not any(is_in(hypothesis, part, slack) for hypothesis in piece.hypotheses):
             found.append(f'piece {piece.points}')
     listed = len(result.hypotheses)
-    if result.n_hypotheses <= max(listed, 64) and not covers(result, squared):
+    if result.n_hypotheses <= max(listed, 64) and not covers(result, squared, slack):
         found.append(f'hypotheses: {listed} of {result.n_hypotheses}')
-    if len(result.pieces) > 1:
+    if len(result.pieces) > 1 and not share:
         found += _missing_links(result, positions, squared)
     return found
 
@@ -199,17 +193,14 @@ def _missing_links(result, positions, squared):
                     true.add(pair)
         pieces = [result.whole_fleet.solved.pieces[x] for x in (link.first, link.second)]
         if not any(
-            all(_is_in(piece, x, squared) for piece, x in zip(pieces, pair, strict=True))
+            all(
+                is_in(piece.hypotheses[x], squared[np.ix_(piece.points, piece.points)])
+                for piece, x in zip(pieces, pair, strict=True)
+            )
             for pair in true
         ):
             found.append(f'link {link.first}-{link.second}')
     return found
-
-
-def _is_in(piece, x, squared):
-    part = squared[np.ix_(piece.points, piece.points)]
-    boxes = piece.hypotheses[x].boxes
-    return any(((box[0] <= part) & (part <= box[1])).all() for box in boxes)
 
 
 def _is_on_sides(constraint, positions):

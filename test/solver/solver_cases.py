@@ -63,13 +63,22 @@ def box_of(lower, upper):
     return np.stack([lower, upper, np.zeros_like(lower), np.zeros_like(lower)])
 
 
-def covers(result, squared):
+def is_in(hypothesis, squared, slack=0.0):
+    """Tell whether squared distances lie in a box of a hypothesis."""
+    low, high = squared - slack, squared + slack
+    return any(((box[0] <= high) & (low <= box[1])).all() for box in hypothesis.boxes)
+
+
+def covers(result, squared, slack=0.0):
     """Tell whether squared distances lie in a box of some hypothesis."""
-    return any(
-        bool(np.all((box[0] <= squared) & (squared <= box[1])))
-        for hypothesis in result.hypotheses
-        for box in hypothesis.boxes
-    )
+    return any(is_in(hypothesis, squared, slack) for hypothesis in result.hypotheses)
+
+
+def holding(hypotheses, squared, share=0.0):
+    """Return the hypotheses whose bounds hold squared distances, up to a share of the largest."""
+    slack = share * squared.max()
+    low, high = squared - slack, squared + slack
+    return [h for h in hypotheses if ((h.lower <= high) & (low <= h.upper)).all()]
 
 
 @dataclass(frozen=True)

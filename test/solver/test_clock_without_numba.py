@@ -3,12 +3,8 @@
 
 """Where kernels run in Python, they look at the clock often enough to end in time."""
 
-import os
-from pathlib import Path
-import subprocess
-import sys
+from plain_python import run_python
 
-REPOSITORY = Path(__file__).parents[2]
 # Ten points, all pairs measured: at first one call contracted the box without a look.
 CODE = """
 import numpy as np
@@ -43,10 +39,5 @@ assert np.array_equal(again.hypotheses[0].boxes, found.hypotheses[0].boxes)
 
 
 def test_looks_within_one_box():
-    subprocess.run(
-        [sys.executable, '-c', CODE],
-        env={**os.environ, 'NUMBA_DISABLE_JIT': '1'},
-        cwd=REPOSITORY,
-        check=True,
-        timeout=200.0,
-    )
+    done = run_python(CODE, NUMBA_DISABLE_JIT='1')
+    assert done.returncode == 0, done.stderr

@@ -14,7 +14,7 @@ import os
 
 import numpy as np
 import pytest
-from solver_cases import bounds, problem_of, squared_distances
+from solver_cases import bounds, holding, problem_of, squared_distances
 
 from dg_localization import Chirality, Problem, Side, SideConstraint, SolverOptions, Verdict, solve
 
@@ -257,7 +257,7 @@ def test_the_list_has_what_is_possible_and_is_never_empty():
     assert result.verdict is Verdict.COVERED and result.hypotheses
     squared = squared_distances(np.array([(i, 2.0 * (i % 2)) for i in range(40)]))
     assert result.n_hypotheses_is_bound or result.n_hypotheses == 1
-    assert any(((h.lower <= squared) & (squared <= h.upper)).all() for h in result.hypotheses)
+    assert holding(result.hypotheses, squared)
 
 
 def test_what_is_mirrored_at_every_joint_is_counted_exactly():

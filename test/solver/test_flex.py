@@ -6,7 +6,7 @@
 from flex import linkage
 import numpy as np
 import pytest
-from solver_cases import bounds, covers, problem_of, squared_distances
+from solver_cases import bounds, covers, holding, problem_of, squared_distances
 
 from dg_localization import Problem, SolverOptions, Verdict, solve
 
@@ -57,9 +57,7 @@ def test_what_moves_is_flexible_at_any_size(width, dimension, max_boxes):
     result = solve(problem, SolverOptions(max_boxes=max_boxes, max_seconds=20.0))
     for angle_rad in np.linspace(0.0, 6.0, 7):
         squared = squared_distances(placed(angle_rad))
-        found = [
-            h for h in result.hypotheses if ((h.lower <= squared) & (squared <= h.upper)).all()
-        ]
+        found = holding(result.hypotheses, squared)
         assert found and all(h.flexible for h in found)
 
 

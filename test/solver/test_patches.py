@@ -6,7 +6,7 @@
 from joined_cases import missing, solve_as_one
 import numpy as np
 import pytest
-from solver_cases import bounds, squared_distances
+from solver_cases import bounds, holding, squared_distances
 
 from benchmarks.large import fleet
 from benchmarks.pieces import neighbors, uwb_fleet
@@ -31,11 +31,7 @@ def braced_grid(rows, columns, error, seed=0, holes=0.0):
 def all_parts_hold(result, squared):
     """Return whether the truth is in a hypothesis of each piece and of each of its patches."""
     return all(
-        any(
-            ((h.lower <= true) & (true <= h.upper)).all()
-            for true in [squared[np.ix_(part.points, part.points)]]
-            for h in part.hypotheses
-        )
+        holding(part.hypotheses, squared[np.ix_(part.points, part.points)])
         for piece in result.pieces
         for part in (piece, *piece.patches)
     )
@@ -50,9 +46,7 @@ def test_a_large_grid_is_one_hypothesis_that_holds_the_truth(size, error):
     (piece,) = result.pieces
     (hypothesis,) = piece.hypotheses
     assert hypothesis.proved and not hypothesis.flexible
-    squared = squared_distances(positions)
-    assert (hypothesis.lower <= squared * (1 + 1e-12)).all()
-    assert (squared * (1 - 1e-12) <= hypothesis.upper).all()
+    assert holding([hypothesis], squared_distances(positions), 1e-12)
     assert np.isfinite(hypothesis.upper).all()
 
 
@@ -139,8 +133,5 @@ def test_what_is_proved_of_a_large_piece_lies_within_the_boxes():
             for found in piece.hypotheses:
                 if found.proved:
                     n_proved += 1
-                    squared_now = squared_distances(found.positions)
-                    slack = 1e-9 * squared_now.max()
-                    assert (found.lower <= squared_now + slack).all()
-                    assert (squared_now - slack <= found.upper).all()
+                    assert holding([found], squared_distances(found.positions), 1e-9)
     assert n_proved

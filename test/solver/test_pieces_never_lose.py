@@ -105,23 +105,8 @@ def disturbed(problem, rng):
 
 def lacks_placement(result, positions):
     """Tell whether an answer lacks a placement that was proved to agree, up to rounding."""
-    if result.verdict is Verdict.INFEASIBLE:
-        return True
-    squared = squared_distances(positions)
-    slack = ROUNDING * squared.max()
-
-    def is_in(lower, upper, part):
-        return bool(((lower - slack <= part) & (part <= upper + slack)).all())
-
-    for piece in result.pieces:
-        part = squared[np.ix_(piece.points, piece.points)]
-        boxes = (box for hypothesis in piece.hypotheses for box in hypothesis.boxes)
-        if not any(is_in(*box, part) for box in boxes):
-            return True
-    if result.n_hypotheses > max(64, len(result.hypotheses)):
-        return not is_in(result.lower, result.upper, squared)
-    boxes = (box for hypothesis in result.hypotheses for box in hypothesis.boxes)
-    return not any(is_in(*box, squared) for box in boxes)
+    lacks = missing(result, positions, squared_distances(positions), ROUNDING)
+    return lacks or result.verdict is Verdict.INFEASIBLE
 
 
 @pytest.mark.parametrize('seeds', chunks(max(1, PROBLEMS // 10), 250), ids=first_and_last)

@@ -8,7 +8,7 @@ import json
 
 import numpy as np
 import pytest
-from solver_cases import bounds, squared_distances
+from solver_cases import bounds, holding, squared_distances
 
 from benchmarks.large import fleet
 from dg_localization import Problem, SolverOptions, Verdict, solve
@@ -44,15 +44,9 @@ def test_the_hypothesis_with_the_truth_has_a_proved_placement(dimension):
     n_proved = 0
     for seed in range(NETWORKS[dimension]):
         problem, positions_m = drawn_network(seed, dimension)
-        squared = squared_distances(positions_m)
-        slack = 1e-9 * squared.max()
-        holding = [
-            h
-            for h in solve(problem, options).hypotheses
-            if (h.lower <= squared + slack).all() and (squared <= h.upper + slack).all()
-        ]
-        assert holding
-        n_proved += any(hypothesis.proved for hypothesis in holding)
+        found = holding(solve(problem, options).hypotheses, squared_distances(positions_m), 1e-9)
+        assert found
+        n_proved += any(hypothesis.proved for hypothesis in found)
     assert n_proved >= LEAST_SHARE[dimension] * NETWORKS[dimension]
 
 

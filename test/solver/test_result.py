@@ -8,7 +8,7 @@ from fractions import Fraction
 from joined_cases import check_counts, solve_as_one
 import numpy as np
 import pytest
-from solver_cases import bounds, covers, orientation, random_case, squared_distances
+from solver_cases import bounds, covers, holding, orientation, random_case, squared_distances
 
 from dg_localization import (
     Chirality,
@@ -69,9 +69,7 @@ def check_claims(problem, result):
             assert hypothesis.positions.shape == (n_points, dimension)
         if hypothesis.proved:
             squared = squared_distances(hypothesis.positions)
-            slack = 1e-9 * max(squared.max(), 1e-300)
-            assert (hypothesis.lower - slack <= squared).all()
-            assert (squared <= hypothesis.upper + slack).all()
+            assert holding([hypothesis], squared, 1e-9)
             checks = agrees_exactly, agrees_closely
             assert any(agrees(problem, hypothesis.positions) for agrees in checks)
 

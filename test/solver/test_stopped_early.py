@@ -8,7 +8,7 @@ import pickle
 from joined_cases import FIRST_SEED, PROBLEMS, joined_case, missing
 import numpy as np
 import pytest
-from solver_cases import squared_distances
+from solver_cases import holding, squared_distances
 from test_patches import CancelAfter, all_parts_hold, braced_grid
 
 from benchmarks.pieces import neighbors
@@ -88,7 +88,7 @@ def test_large_fleets_are_bounded_by_chains(dimension, listed, watchful):
         forget()
         result = solve(problem, cancel=CancelAfter(20), within=within)
         check_undivided(result, n_points)
-        assert ((result.lower <= squared) & (squared <= result.upper)).all()
+        assert holding([result], squared)
         (hypothesis,) = result.hypotheses
         again = pickle.loads(pickle.dumps(hypothesis))
         assert (again.lower == hypothesis.lower).all()
