@@ -91,14 +91,14 @@ def solve_large(
         return None
     if solved.is_empty():
         return Search(problem, [], [])
-    answers = PatchAnswers(problem, solved, within, budget.is_over)
+    answers = PatchAnswers(problem, solved, within, budget)
     most = budget.options.max_hypotheses
     if not is_whole:
-        return Search(problem, [], [], answers.hypotheses(most, budget.is_over), solved)
+        return Search(problem, [], [], answers.hypotheses(most), solved)
     boxes = answers.boxes(most)
     is_done = solved.is_one_body and solved.is_complete()
     if is_done and len(boxes) * problem.n_points**3 > MOST_WORK:
-        return Search(problem, [], [], answers.hypotheses(most, budget.is_over), solved)
+        return Search(problem, [], [], answers.hypotheses(most), solved)
     budget.go_on_from(solved.n_boxes() - solved.n_pending())
     if not is_done:
         # Halves of wide distances would be parts of the hypotheses that the patches tell apart.

@@ -130,7 +130,7 @@ def unexamined(problem: Problem, points: Points, within: Sequence[Bounds] | None
     known = problem.pairs.restricted(points)
     chains = ChainGraph(len(points), known.pairs, known.lower, known.upper)
     boxes = restricted_boxes(within, points)
-    hypothesis = ChainedHypothesis(chains, len(points), boxes, None, True)
+    hypothesis = ChainedHypothesis(chains, len(points), boxes)
     return SolvedPiece(points, [], [hypothesis], was_examined=False)
 
 

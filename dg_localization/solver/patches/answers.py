@@ -11,6 +11,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from dg_localization.interval.environment import default_environment
+from dg_localization.interval.kernels import until
 from dg_localization.solver.assemble.subproblem import Bounds, parts_within
 from dg_localization.solver.box import FloatArray
 from dg_localization.solver.decompose.rigid_components import is_flexible
@@ -22,28 +23,20 @@ from dg_localization.solver.place.hypotheses import (
     LARGEST_M2,
     LazyHypothesis,
     Placement,
+    Seek,
     never,
 )
-from dg_localization.solver.place.placements import (
-    MARGIN,
-    QUICK,
-    refined,
-    scaled,
-    sought,
-)
+from dg_localization.solver.place.placements import MARGIN, QUICK, refined, scaled, sought
 from dg_localization.solver.place.proofs import pairs_lie_within, with_known_chirality
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
+from dg_localization.solver.search.budget import Budget
 
 MOST_NUMBERS = 10**6
 """Hypotheses times the square of the points, up to which those of a large piece are listed."""
 
 MOST_PIVOTS = 60
 """Placements are laid out by the chains from this many points to all."""
-
-MOST_RANKED = 150
-"""Up to this size the rank of a placement is computed, which takes their cube of time; larger
-pieces count as flexible where their patches do not hold them together."""
 
 
 class ChainedHypothesis(LazyHypothesis):
@@ -57,14 +50,15 @@ class ChainedHypothesis(LazyHypothesis):
     _graph: ChainGraph
     _n_points: int
     _within: Sequence[Bounds] | None
+    _may_move: Callable[[], bool] | None
 
     def __init__(
         self,
         graph: ChainGraph,
         n_points: int,
         within: Sequence[Bounds] | None,
-        seek: Callable[[], Placement] | None,
-        flexible: bool,
+        seek: Seek | None = None,
+        may_move: Callable[[], bool] | None = None,
     ) -> None:
         # The base class is frozen.
         values = {
@@ -72,9 +66,15 @@ class ChainedHypothesis(LazyHypothesis):
             '_n_points': n_points,
             '_within': within,
             '_seek': seek,
-            'flexible': flexible,
+            '_may_move': may_move,
         }
         self.__dict__.update(values)
+
+    @cached_property
+    @default_environment()
+    def flexible(self) -> bool:
+        """Whether the placements are a continuum even without measurement errors, or may be."""
+        return self._may_move is None or self._may_move()
 
     def bounds_of_pair(self, first: int, second: int) -> tuple[float, float]:
         """Return the bounds in m^2 of the squared distance of two points, by their rows."""
@@ -120,12 +120,15 @@ class PatchAnswers:
         problem: Problem,
         solved: SolvedPatches,
         within: Sequence[Bounds] | None,
-        stopped: Callable[[], bool],
+        budget: Budget,
     ) -> None:
         self._problem = problem
         self._solved = solved
         self._within = within
-        self._ambiguities = Ambiguities(solved.patches, solved.known, stopped)
+        self._budget = budget
+        self._ambiguities = Ambiguities(solved.patches, solved.known, budget.is_over)
+        known = solved.known
+        self._chains = ChainGraph(problem.n_points, known.pairs, known.lower, known.upper)
 
     def boxes(self, most: int) -> list[Bounds]:
         """Return boxes of all pairs that hold every placement between them."""
@@ -139,36 +142,25 @@ class PatchAnswers:
             boxes.append((lower, upper))
         return parts_within(boxes, self._within)
 
-    def hypotheses(self, most: int, stopped: Callable[[], bool]) -> list[Hypothesis]:
-        """
-        Return hypotheses that hold every placement between them.
-
-        What stops the call is not kept: their placements are asked for later, and take few steps.
-        """
+    def hypotheses(self, most: int) -> list[Hypothesis]:
+        """Return hypotheses that hold every placement between them."""
         n_points = self._problem.n_points
-        known = self._solved.known
-        chains = ChainGraph(n_points, known.pairs, known.lower, known.upper)
-        most = 1 if stopped() else min(most, max(1, MOST_NUMBERS // n_points**2))
-        choices = self._ambiguities.choices(most)
-        graphs = [chains.with_bounds(*self._chosen(choice)) for choice in choices]
-        start = self._start(chains, stopped)
-        anywhere = (None, False) if start is None else self._placement(start, stopped)
-        flexible = self._is_flexible(anywhere, stopped)
+        limit = max(1, MOST_NUMBERS // n_points**2)
+        choices = self._ambiguities.choices(1 if self._budget.is_over() else min(most, limit))
         return [
             ChainedHypothesis(
-                graph,
+                self._chains.with_bounds(*self._chosen(choice)),
                 n_points,
                 self._within,
-                partial(self._placement_of, choice, start, anywhere),
-                flexible,
+                partial(self._placement_of, choice),
+                self._may_move,
             )
-            for graph, choice in zip(graphs, choices, strict=True)
+            for choice in choices
         ]
 
-    def _placement_of(
-        self, choice: Mapping[int, int], start: FloatArray | None, anywhere: Placement
-    ) -> Placement:
-        """Return a placement for a choice of hypotheses, given one that lies anywhere."""
+    def _placement_of(self, choice: Mapping[int, int]) -> Placement:
+        """Return a placement for a choice of hypotheses."""
+        start, anywhere = self._anywhere
         positions, proved = anywhere
         if start is None or positions is None or not choice:
             return anywhere
@@ -181,6 +173,21 @@ class PatchAnswers:
         positions, proved = self._settled(positions)
         return positions, proved and self._is_within(positions, choice)
 
+    @cached_property
+    def _anywhere(self) -> tuple[FloatArray | None, Placement]:
+        """A placement laid out by chains, and one with any hypotheses of the patches."""
+        stopped = self._budget.new_clock()
+        found: Placement = (None, False)
+        if stopped():
+            return None, found
+        pivots, lengths_m = self._chains.pivot_lengths_m(MOST_PIVOTS, stopped)
+        if not lengths_m.max() ** 2 < LARGEST_M2:
+            return None, found
+        start = scaled(lengths_m, pivots, self._problem.dimension)
+        with until(stopped):
+            found = self._placement(start, stopped)
+        return start, found
+
     def _placement(self, start: FloatArray, stopped: Callable[[], bool]) -> Placement:
         """Return a placement with any hypotheses of the patches, and whether it is proved."""
         known = self._solved.known.pairs, *self._chosen({})
@@ -192,15 +199,6 @@ class PatchAnswers:
         if proved or stopped():
             return positions, proved
         return self._settled(sought(positions, *measured, stopped))
-
-    def _start(self, chains: ChainGraph, stopped: Callable[[], bool]) -> FloatArray | None:
-        """Return a placement laid out by the lengths of chains, None where they are too long."""
-        if stopped():
-            return None
-        pivots, lengths_m = chains.pivot_lengths_m(MOST_PIVOTS, stopped)
-        if not lengths_m.max() ** 2 < LARGEST_M2:
-            return None
-        return scaled(lengths_m, pivots, self._problem.dimension)
 
     def _settled(self, positions: FloatArray) -> tuple[FloatArray, bool]:
         """Return a placement with the chirality that is known, and whether it is proved."""
@@ -216,18 +214,26 @@ class PatchAnswers:
         """Prove that the known pairs of a placement agree with a choice of hypotheses."""
         return pairs_lie_within(self._solved.known.pairs, *self._chosen(choice), positions)
 
-    def _is_flexible(self, placed: Placement, stopped: Callable[[], bool]) -> bool:
+    def _may_move(self) -> bool:
         """Return whether a placement can move; also where that takes too long to examine."""
-        solved, problem = self._solved, self._problem
+        solved = self._solved
         patches = [h for p in solved.patches for h in p.remaining()]
         if solved.is_one_body and not any(h.flexible for h in patches):
             # Rigid patches that hold together are rigid as a whole.
             return False
-        positions, proved = placed
-        is_ranked = proved and problem.n_points <= MOST_RANKED and not stopped()
-        if positions is None or not is_ranked or solved.n_unsolved > 0:
+        if solved.n_unsolved > 0:
             return True
-        return bool(is_flexible(positions, np.isfinite(problem.upper)))
+        return self._is_flexible
+
+    @cached_property
+    def _is_flexible(self) -> bool:
+        """Whether the placement of all patches is flexible, or was not proved in time."""
+        positions, proved = self._anywhere[1]
+        flexible = True
+        if positions is not None and proved:
+            with until(self._budget.new_clock()):
+                flexible = is_flexible(positions, np.isfinite(self._problem.upper))
+        return flexible
 
     def _chosen(self, choice: Mapping[int, int]) -> Bounds:
         """Return the bounds of the known pairs for a choice of hypotheses."""
