@@ -82,11 +82,6 @@ def _exact(problem: Problem) -> NDArray[np.bool_]:
     return np.isfinite(upper) & ((1.0 - NARROW) * upper <= lower)
 
 
-def has_exact_pairs(problem: Problem) -> bool:
-    """Return whether some distances of a problem are known exactly, or nearly so."""
-    return bool(_exact(problem).any())
-
-
 def _newton(
     positions: FloatArray, pairs: IntArray, targets: FloatArray
 ) -> tuple[FloatArray, FloatArray] | None:

@@ -16,7 +16,7 @@ from dg_localization.interval.environment import default_environment
 from dg_localization.interval.kernels import until
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, component_hulls, sub_box
 from dg_localization.solver.decompose.rigid_components import is_flexible
-from dg_localization.solver.place.existence import has_exact_pairs, settled
+from dg_localization.solver.place.existence import settled
 from dg_localization.solver.place.placements import MOST_STEPS, place, scaled, sought
 from dg_localization.solver.place.proofs import with_known_chirality
 from dg_localization.solver.problem import Problem
@@ -28,9 +28,8 @@ MAX_ATTEMPTS = 16
 LARGEST_M2 = 1e150
 """Squared distances below this can be squared once more."""
 
-MOST_SMALL, MOST_DENSE = 12, 60
-"""Few points, or exact distances of up to `MOST_DENSE`, are placed by known pairs alone where no
-box leads to a placement. With 16 few points, fleets of 20 robots take up to 2.5 times as long."""
+MOST_DENSE = 60
+"""Up to this many points are placed by all pairs of a box, before the known ones alone."""
 
 MOST_DRAWN = 3
 """How often distances are drawn at random, where the longest ones lead to no placement (EMBED:
@@ -112,10 +111,8 @@ def _placements_sought(
     if problem.n_points <= MOST_DENSE or not is_moderate:
         for some in boxes[:: max(1, len(boxes) // MAX_ATTEMPTS)]:
             yield place_everywhere(some, problem.dimension)
-        # Parts of a larger problem are placed together with the rest of it.
-        is_small = problem.n_points <= MOST_SMALL and stopped is not never
-        if not (is_moderate and (is_small or has_exact_pairs(problem))):
-            return
+    if not is_moderate:
+        return
     known, rng = problem.pairs, np.random.default_rng(0)
     for attempt in range(1 + MOST_DRAWN):
         # The longest distances first.
