@@ -4,7 +4,7 @@
 """
 Multipliers for bounds of linear functions: linear programs, by the dual simplex method.
 
-Every row bounds a linear function of a few of the unknowns on both sides. One table writes the
+Every row bounds a linear function of the unknowns on both sides. One table writes the
 unknowns in terms of as many *active* rows as there are unknowns, and the function to be bounded,
 whose row then holds multipliers; other rows follow from those of their unknowns when they are
 asked for. Rows are bounded on both sides, so any choice of active ones is dual feasible: there is
@@ -40,10 +40,9 @@ GOLDEN = 0.6180339887
 
 
 class LinearPrograms(NamedTuple):
-    """The linear programs of m rows in f unknowns, of which each row has q at most."""
+    """The linear programs of m rows in f unknowns."""
 
-    ends: np.ndarray  # (q, m): the unknowns of each row, f where it has fewer
-    slopes: np.ndarray  # (q, m)
+    slopes: np.ndarray  # (f, m): by unknowns, so that many rows are multiplied at once
     bounds: np.ndarray  # (m, 2): lower and upper bounds of the rows
     scales: np.ndarray  # (m,): one over the length of the gradient
     table: np.ndarray  # (f + 2, f): unknowns, the function, and the function without ties
@@ -52,21 +51,19 @@ class LinearPrograms(NamedTuple):
 
 
 @kernel
-def new_programs(
-    ends: np.ndarray, slopes: np.ndarray, bounds: np.ndarray, n_unknowns: int
-) -> LinearPrograms:
+def new_programs(slopes: np.ndarray, bounds: np.ndarray) -> LinearPrograms:
     """Return the linear programs of some rows; the last ones, one for each unknown, are active."""
-    n_rows = ends.shape[1]
+    n_unknowns, n_rows = slopes.shape
     scales = np.zeros(n_rows)
     for m in range(n_rows):
         square = 0.0
-        for slot in range(len(slopes)):
-            square += slopes[slot, m] * slopes[slot, m]
+        for unknown in range(n_unknowns):
+            square += slopes[unknown, m] * slopes[unknown, m]
         if square > 0.0:
             scales[m] = 1.0 / math.sqrt(square)
     table = np.eye(n_unknowns + 2, n_unknowns)
     active = np.arange(n_rows - n_unknowns, n_rows)
-    return LinearPrograms(ends, slopes, bounds, scales, table, active, np.empty(n_rows))
+    return LinearPrograms(slopes, bounds, scales, table, active, np.empty(n_rows))
 
 
 @kernel(borrows=True)
@@ -89,9 +86,9 @@ def _exchange(
 def _set_entries(programs: LinearPrograms, m: int, entries: np.ndarray) -> None:
     """Write a row in terms of the active ones."""
     entries[:] = 0.0
-    for slot in range(len(programs.ends)):
-        unknown, slope = programs.ends[slot, m], programs.slopes[slot, m]
-        if unknown < len(entries):
+    for unknown in range(len(entries)):
+        slope = programs.slopes[unknown, m]
+        if slope != 0.0:
             for c in range(len(entries)):
                 entries[c] += slope * programs.table[unknown, c]
 
@@ -134,12 +131,13 @@ def _leaving_row(
     """Return the row that leaves its bounds farthest, -1 where none does clearly."""
     bounds, values = programs.bounds, programs.values
     values[:] = 0.0
-    for slot in range(len(programs.slopes)):
-        slopes, ends = programs.slopes[slot], programs.ends[slot]
-        for m in range(len(values)):
-            values[m] += slopes[m] * displaced[ends[m]]
+    for unknown in range(len(displaced)):
+        slopes, place = programs.slopes[unknown], displaced[unknown]
+        if place != 0.0:
+            for m in range(len(values)):
+                values[m] += slopes[m] * place
     row, farthest = -1, 0.0
-    for m in range(len(values)):
+    for m in range(len(bounds)):
         low, high = bounds[m, LOW], bounds[m, HIGH]
         excess = max(values[m] - high, low - values[m])
         if excess * programs.scales[m] > farthest:
@@ -214,7 +212,7 @@ def find_multipliers(programs: LinearPrograms, tolerance: float) -> None:
     for c in range(n_unknowns):
         untied[c] = function[c] + PERTURBATION * scale * ((c * GOLDEN) % 1.0 - 0.5)
     widest = (programs.bounds[:, HIGH] - programs.bounds[:, LOW]).max()
-    vertex, displaced = np.zeros(n_unknowns), np.zeros(n_unknowns + 1)
+    vertex, displaced = np.zeros(n_unknowns), np.zeros(n_unknowns)
     entries, ratios = np.empty(n_unknowns), np.empty(n_unknowns)
     for _ in range(MOST_EXCHANGES):
         _move_to_vertex(programs, vertex, displaced)

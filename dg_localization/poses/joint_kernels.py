@@ -31,9 +31,6 @@ from dg_localization.poses.half_spaces import CENTER, HALF, HIGH, LOW, VIEW, YAW
 POSSIBLE = -1
 """No pair rules out a box."""
 
-SLOPES = 8
-"""Unknowns of a row at most: the poses of two bodies."""
-
 TOLERANCE = 1e-6
 """By which fraction of their widths functions may leave their bounds in a linear program."""
 
@@ -87,21 +84,15 @@ def _write_rows(
 def _programs_of(slopes: np.ndarray, bounds: np.ndarray, columns: np.ndarray) -> LinearPrograms:
     """Return the linear programs of rows, and of some unknowns, each of them within -1 and 1."""
     rows, n_unknowns = len(slopes), len(columns)
-    ends = np.full((SLOPES, rows + n_unknowns), n_unknowns)
-    values = np.zeros((SLOPES, rows + n_unknowns))
+    by_unknowns = np.zeros((n_unknowns, rows + n_unknowns))
     all_bounds = np.empty((rows + n_unknowns, 2))
     all_bounds[:rows] = bounds
     all_bounds[rows:, LOW], all_bounds[rows:, HIGH] = -1.0, 1.0
-    for row in range(rows):
-        slot = 0
-        for unknown in range(n_unknowns):
-            slope = slopes[row, columns[unknown]]
-            if slope != 0.0:
-                ends[slot, row], values[slot, row] = unknown, slope
-                slot += 1
     for unknown in range(n_unknowns):
-        ends[0, rows + unknown], values[0, rows + unknown] = unknown, 1.0
-    return new_programs(ends, values, all_bounds, n_unknowns)
+        for row in range(rows):
+            by_unknowns[unknown, row] = slopes[row, columns[unknown]]
+        by_unknowns[unknown, rows + unknown] = 1.0
+    return new_programs(by_unknowns, all_bounds)
 
 
 @kernel(borrows=True)

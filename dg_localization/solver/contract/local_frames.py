@@ -100,16 +100,14 @@ def contract_in_frame(
 def _programs_of(linear: Linearization, n_unknowns: int) -> LinearPrograms:
     """Return the linear programs of the measured pairs; they see every change of the residuals."""
     n_edges, dimension = linear.gradients.shape
-    ends = np.full((2 * dimension, n_edges), n_unknowns)
-    slopes = np.empty((2 * dimension, n_edges))
+    slopes = np.zeros((n_unknowns, n_edges))
     for m in range(n_edges):
         for axis in range(dimension):
             for end in range(2):
                 unknown = linear.unknowns[linear.edges[m, end], axis]
                 if unknown >= 0:
-                    ends[2 * axis + end, m] = unknown
-                slopes[2 * axis + end, m] = (1.0 - 2.0 * end) * linear.gradients[m, axis]
-    return new_programs(ends, slopes, linear.residuals, n_unknowns)
+                    slopes[unknown, m] = (1.0 - 2.0 * end) * linear.gradients[m, axis]
+    return new_programs(slopes, linear.residuals)
 
 
 @kernel
