@@ -471,12 +471,12 @@ SEARCHING = [
     ),
     *_in(
         'solver',
-        'assemble/solved_pieces',
+        'patches/answers',
         ('test/solver/test_stopped_early.py',),
         (
             'points that nothing is known of count as rigid',
-            'boxes, None, True)',
-            'boxes, None, False)',
+            'return self._may_move is None or',
+            'return self._may_move is not None and',
         ),
     ),
     *_in(
