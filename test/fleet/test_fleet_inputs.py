@@ -26,6 +26,10 @@ class Torn:
     def __iter__(self):
         raise RuntimeError('torn cable')
 
+    def __repr__(self):
+        # Processes that share the tests have to name them alike.
+        return 'Torn()'
+
 
 @pytest.fixture
 def localizer():
