@@ -37,7 +37,7 @@ def warm_up(report: Callable[[str], object] | None = None) -> None:
     """
     Load every kernel of the solver and the fleet, so that later estimates wait for none.
 
-    The first time on a machine this compiles them, for two to three minutes of one processor;
+    The first time on a machine this compiles them, for one to two minutes of one processor;
     `warm_up_status` says how far it has come. Without numba there is nothing to load.
 
     Parameters
