@@ -282,10 +282,11 @@ def center_and_half(bounds: Interval) -> tuple[np.ndarray, np.ndarray]:
 
 def norm_up(vectors: np.ndarray) -> np.ndarray:
     """Return upper bounds of the lengths along the last axis."""
-    squares = up(vectors * vectors)
-    total = squares[..., 0]
-    for k in range(1, squares.shape[-1]):
-        total = up(total + squares[..., k])
+    with np.errstate(over='ignore'):
+        squares = up(vectors * vectors)
+        total = squares[..., 0]
+        for k in range(1, squares.shape[-1]):
+            total = up(total + squares[..., k])
     return up(np.sqrt(total))
 
 

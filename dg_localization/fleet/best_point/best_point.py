@@ -4,9 +4,9 @@
 """
 The best point of a hypothesis: the placement that fits the likeliest readings best.
 
-The fit starts at a placement of the hypothesis and stays in its enclosure. Where no other
-hypothesis is left, further starts look for a better minimum. What is remembered joins in a second
-fit. The result is published as it is when it agrees with the problem, and else the point towards
+A fit starts at a placement of the hypothesis and stays in its enclosure. Where no other hypothesis
+is left, others start in the middle of the enclosure and all over it. What is remembered joins in a
+second fit. The result is published as it is when it agrees with the problem, and else the point towards
 the start that does.
 """
 

@@ -116,8 +116,9 @@ def fit_with_past(
 def _in_the_middle(placement: Placement) -> Placement:
     """Return a placement in the middle of its pose sets: no other pose in these is likelier."""
     low_m, high_m = placement.enclosure_m[:, 0], placement.enclosure_m[:, 1]
-    known, middle_m = np.isfinite(high_m - low_m), 0.5 * (low_m + high_m)
-    positions_m = np.where(known, middle_m, placement.positions_m)
+    known = np.isfinite(low_m) & np.isfinite(high_m)
+    positions_m = placement.positions_m.copy()
+    positions_m[known] = 0.5 * (low_m[known] + high_m[known])
     return replace(placement, positions_m=positions_m, proved=False)
 
 
