@@ -6,8 +6,8 @@ The best point of a hypothesis: the placement that fits the likeliest readings b
 
 A fit starts at a placement of the hypothesis and stays in its enclosure. Where no other hypothesis
 is left, others start in the middle of the enclosure and all over it. What is remembered joins in a
-second fit. The result is published as it is when it agrees with the problem, and else the point towards
-the start that does.
+second fit. The result is published as it is when it agrees with the problem, and else the point
+towards the start that does.
 """
 
 from __future__ import annotations
