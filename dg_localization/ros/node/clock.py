@@ -6,6 +6,7 @@
 from collections import deque
 from collections.abc import Callable, Iterator
 import math
+from statistics import median
 import time
 
 from dg_localization.ros.interface.diagnostics import TOLERATED_RATE
@@ -50,7 +51,7 @@ class NodeTime:
         self._last_s = read_s()
         self._moved_at_s = self._read_at_s = steady_s()
         self._begun_at_s = -math.inf
-        self._moves = RateMeter(1.0 / LONGEST_CLOCK_STEP_S)
+        self._steps_s: deque[float] = deque(maxlen=PERIODS)
 
     def now(self) -> tuple[float, float]:
         """Return the time in s, and by how many seconds it has jumped back since the last call."""
@@ -64,10 +65,10 @@ class NodeTime:
             back_s = missing_s
         if back_s > 0.0:
             self._begun_at_s = self._steady_s()
-            self._moves.clear()
+        if now_s > self._last_s > 0.0:
+            self._steps_s.append(now_s - self._last_s)
         if now_s != self._last_s:
             self._moved_at_s = self._read_at_s
-            self._moves.count(now_s)
         self._last_s = now_s
         return now_s, back_s
 
@@ -83,9 +84,8 @@ class NodeTime:
         return self._last_s if self._is_simulated else self._last_s - waited_s
 
     def step_s(self) -> float:
-        """Return the mean step of the time between calls of `now` that found it moved."""
-        rate_hz = self._moves.rate_hz(self._last_s)
-        return 0.0 if rate_hz is None else 1.0 / rate_hz
+        """Return the usual step of the time between calls of `now` that found it moved."""
+        return median(self._steps_s) if len(self._steps_s) == PERIODS else 0.0
 
     def warnings(self, n_publishers: int, is_active: bool) -> Iterator[str]:
         """Yield what is wrong with the clock, given the number of publishers of /clock."""
