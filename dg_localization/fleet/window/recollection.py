@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 import time
 
 from dg_localization.fleet.answers import Answer, Part
@@ -33,6 +32,7 @@ from dg_localization.fleet.window.proved import (
     chain_seconds,
 )
 from dg_localization.fleet.window.shape_headings import (
+    Narrow,
     Remaining,
     narrow_in_plane,
     narrow_in_space,
@@ -172,29 +172,36 @@ class Recollection:
 
         The chains after it have their shares of the time that is left.
         """
-        config, sets = self.snapshot.config, self.pose_sets
-        stopped = self.allowance.part(len(self.chains) - chain)
+        outliers, stopped = self.snapshot.config.window_outliers, self.allowance.part(1)
+        if self.snapshot.config.dimension == 2:
+            stopped = self.allowance.part(len(self.chains) - chain)
 
-        def narrow(options: PairOptions, placement: Placement) -> Placement | str:
-            if config.dimension == 3:
-                found = narrow_in_space(placement, frame.kind, sets, self.tilts)
-            else:
-                found = narrow_in_plane(
-                    placement, frame, config.robots, self.readings, sets, options, stopped
-                )
-            return found if isinstance(found, Placement) else self._over(found)
+        def narrow_with(boxes: int, programs: int = 0) -> Narrow:
+            options = PairOptions(outliers, JOINT_RESOLUTION_M, boxes, programs)
 
-        coarse = PairOptions(config.window_outliers, JOINT_RESOLUTION_M, COARSE_BOXES)
-        boxes = MOST_BOXES if config.window_outliers else COARSE_BOXES
-        fine = replace(coarse, max_boxes=boxes, max_programs=PROGRAM_BOXES)
+            def narrow(placement: Placement) -> Placement | str:
+                sets, robots = self.pose_sets, self.snapshot.config.robots
+                if self.snapshot.config.dimension == 3:
+                    found = narrow_in_space(placement, frame.kind, sets, self.tilts)
+                else:
+                    found = narrow_in_plane(
+                        placement, frame, robots, self.readings, sets, options, stopped
+                    )
+                return found if isinstance(found, Placement) else self._over(found)
+
+            return narrow
+
+        if self.snapshot.config.dimension == 3:
+            return sifted(placements, narrow_with(COARSE_BOXES))
         left = _carried_on(placements, frame, self.chains[chain])
         sentences = left.ruled_out
         best, others = parted(left.placements, MOST_REFINED)
         if others:
-            left = sifted(left.placements, partial(narrow, coarse))
+            left = sifted(left.placements, narrow_with(COARSE_BOXES))
             sentences += left.ruled_out
             best, others = parted(left.placements, MOST_REFINED)
-        refined = sifted(best, partial(narrow, fine))
+        boxes = MOST_BOXES if outliers else COARSE_BOXES
+        refined = sifted(best, narrow_with(boxes, PROGRAM_BOXES))
         return Remaining((*refined.placements, *others), sentences + refined.ruled_out)
 
     def _over(self, pair: Pair) -> str:
