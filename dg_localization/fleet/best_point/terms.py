@@ -53,7 +53,7 @@ class Term(NamedTuple):
 
 class Terms(NamedTuple):
     """
-    Terms as the kernel reads them.
+    Terms as the kernel reads them; several arms and values, stacked in front, are variants.
 
     Parameters
     ----------
@@ -90,8 +90,14 @@ class Terms(NamedTuple):
 
     @classmethod
     def joined(cls, parts: Sequence[Terms]) -> Terms:
-        """Return the terms of all parts."""
-        return cls._make(map(np.concatenate, zip(*parts, strict=True)))
+        """Return the terms of all parts, which have equally many variants."""
+        axes = (-1, -2, -3, -2, -1)
+        columns = zip(*parts, strict=True)
+        return cls(*(np.concatenate(c, axis) for c, axis in zip(columns, axes, strict=True)))
+
+    def variant(self, number: int) -> Terms:
+        """Return the terms with one of several arms and values."""
+        return self._replace(arms_m=self.arms_m[number], values=self.values[number])
 
     def common_errors(self, residuals: FloatArray) -> FloatArray:
         """

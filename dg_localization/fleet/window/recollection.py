@@ -17,7 +17,7 @@ from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.fleet.window.carry import Tilt
 from dg_localization.fleet.window.earlier_sets import EarlierSets
 from dg_localization.fleet.window.forgetting import Forgotten, ends_of, without
-from dg_localization.fleet.window.memory import MOST_OBSERVATIONS, WORLD, Ends, Pair
+from dg_localization.fleet.window.memory import WORLD, Ends, Pair
 from dg_localization.fleet.window.pose_sets import (
     MOST_BOXES,
     NO_POSE_SETS,
@@ -50,11 +50,10 @@ MOST_LATE = 3.0
 """How many times the span may pass on the clock, where the processors are busy with other work."""
 
 MOST_PARTNERS = 4
-"""
-Of each robot: near ones tell most of its heading, since errors of ranges grow with them. With all
-of them and the anchors it has as many observations as are kept of one pair.
-"""
+"""Of each robot: near ones tell most of its heading, since errors of ranges grow with them."""
 
+MOST_IN_TABLE = 60
+"""Observations of a pair that narrow headings: more cost time and tell little more."""
 
 CHAIN_SHARE = 0.5
 """Of the time that a chain of estimates counts: then the next begins, to be ready at its end."""
@@ -261,7 +260,7 @@ def recall(
         recalled,
         spans_s=spans_s | {pair: carried.span_s(pair, newest_s) for pair in near},
         readings={
-            pair: carried.readings(pair, newest_s, most=MOST_OBSERVATIONS // (MOST_PARTNERS + 1))
+            pair: carried.readings(pair, newest_s, most=MOST_IN_TABLE)
             for pair in near
             if not pose_sets.covers.keys() >= {*pair} and doubtful.isdisjoint(pair)
         },
