@@ -832,18 +832,13 @@ FLEET = [
     ),
     *_in(
         'fleet',
-        'rotations',
+        'frames/headings',
         ('test/fleet/test_headings.py',),
         (
             'the half width of a heading leaves out one side',
-            'angle_up(half_rad + abs(off_rad))',
-            'angle_up(half_rad - abs(off_rad))',
+            'half_width_rad = angle_up(max(yaw - low, high - yaw))',
+            'half_width_rad = angle_up(min(yaw - low, high - yaw))',
         ),
-    ),
-    *_in(
-        'fleet',
-        'frames/headings',
-        ('test/fleet/test_headings.py',),
         (
             'the spread of the directions is forgotten in a heading',
             'widths = angle_up(spreads + np.array([ray.half_width_rad for ray in rays]))',
@@ -1120,7 +1115,7 @@ FLEET = [
         ),
         (
             'a covariance is made of rounding errors',
-            'np.where(values > rounding, values, 1.0)',
+            'np.where(values > spread / MOST_SPREAD, values, 1.0)',
             'np.abs(values)',
         ),
     ),
@@ -1185,7 +1180,7 @@ FLEET = [
         ('test/fleet/test_memory_ends.py',),
         (
             'a memory that contradicts itself contradicts the moment',
-            'if found.verdict is Verdict.INFEASIBLE and recalled.pose_sets.sets:',
+            'if found.verdict is Verdict.INFEASIBLE and recalled.pose_sets.any:',
             'if found.verdict is Verdict.INFEASIBLE and recalled.pose_sets.covers:',
         ),
     ),

@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 import pytest
 
 from dg_localization.fleet import LinkKind
-from dg_localization.fleet.contradictions.conflicts import Effort, Limits, Search
+from dg_localization.fleet.contradictions.conflicts import Effort, Limits, explain
 from dg_localization.fleet.contradictions.suspects import Suspect, SuspectKind
 
 SEEN = tuple(Suspect(SuspectKind.OBSERVATION, f'r{i}', 's', (LinkKind.RANGE,)) for i in range(8))
@@ -38,8 +38,7 @@ def contradiction_of(conflicts, efforts=(Effort.BRIEF,) * 4):
 
 def explained(conflicts, max_outliers, *, efforts=(Effort.BRIEF,) * 4, regions=(), named=(ALONE,)):
     limits = Limits(max_outliers, *AMPLE)
-    contradicts = contradiction_of(conflicts, efforts)
-    return Search(EVERYTHING, regions, contradicts, limits).explain(named)
+    return explain(EVERYTHING, regions, named, contradiction_of(conflicts, efforts), limits)
 
 
 def hitting(conflicts, named, most):
@@ -68,6 +67,6 @@ def test_more_tolerance_gives_at_least_what_less_does(most):
     less = explained(conflicts, most - 1)
     for solves in range(0, 400, 7):
         limited = Limits(most, solves, 60.0)
-        more = Search(EVERYTHING, (), contradiction_of(conflicts), limited).explain((ALONE,))
+        more = explain(EVERYTHING, (), (ALONE,), contradiction_of(conflicts), limited)
         if more.searched >= most - 1:
             assert set(less.corrections) <= set(more.corrections)

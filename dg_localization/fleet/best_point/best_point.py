@@ -21,12 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.best_point.least_squares import (
-    MOST_EFFORT,
-    Bodies,
-    Fit,
-    fit_terms,
-)
+from dg_localization.fleet.best_point.least_squares import Bodies, Fit, fit_terms
 from dg_localization.fleet.best_point.past import Misfit, Past
 from dg_localization.fleet.best_point.terms import LEAST_HALF_WIDTH, RAY, UNIFORM, Term, Terms
 from dg_localization.fleet.rotations import best_rotation, rotations_about_z, unit_vectors
@@ -40,11 +35,23 @@ HALVINGS = 6
 """How often the way back to the start is halved."""
 
 DRAWN_STARTS = 2
+MOST_BODIES = 30
+"""Larger fleets have one start only: a fit takes the cube of their number."""
+
+MOST_EFFORT = 50_000_000
+"""Most work on one problem: the sum of the cubes of the numbers that its fits change."""
+
 CLEAR_GAIN = 1e-3
 """A later start counts where its cost is lower by this part of the others', or of 1: costs near
 zero differ by rounding errors, and these by the processor."""
 
+LEAST_WIDTH_M = 1e-9
+"""What the enclosure leaves less of is given by the frame, but for rounding."""
+
 UNKNOWN_VARIANCE_M2 = 1e12
+
+MOST_SPREAD = 1e12
+"""Information that is smaller than the largest by so much is lost in rounding errors."""
 
 
 @dataclass(frozen=True)
@@ -141,13 +148,11 @@ class BestPointFinder:
             unknown = np.full((len(start_m), 6, 6), np.nan)
             return BestPoint(start_m, agrees(problem, start_m), rotations, unknown, math.inf)
         bodies = self._bodies(start_m, enclosure)
-        work = int(bodies.free.sum()) ** 3
-        self._effort += work
+        self._effort += int(bodies.free.sum()) ** 3
         misfits: tuple[Misfit, ...] = ()
         if past is None:
             spread, terms = None, self._terms
-            # Larger fleets have one start only.
-            has_more = among is None and (2 + DRAWN_STARTS) * work <= MOST_EFFORT
+            has_more = among is None and len(start_m) <= MOST_BODIES
             starts = _starts(start_m, enclosure) if has_more else [start_m]
             fits = [fit_terms(terms, self._bodies(one_m, enclosure)) for one_m in starts]
             fit = fits[0]
@@ -158,15 +163,14 @@ class BestPointFinder:
             terms = past.terms
             bodies = self._with_past(past, bodies, yaws_rad)
             fit = fit_terms(terms, fit_terms(terms, bodies).bodies, robust=True)
-            spread, misfits = past.spread(fit), tuple(past.misfits(fit))
+            residuals = past.residuals(fit)
+            spread, misfits = past.spread(fit, residuals), tuple(past.misfits(fit, residuals))
         best_m = self._with_sensors(fit, enclosure)
         positions_m, proved = _agreeing(problem, start_m, best_m)
         n_points = len(start_m)
         covariances = _covariances(fit, spread, n_points)
         cost = fit.cost / max(1, len(terms.kinds))
         rotations = fit.bodies.rotations[:n_points]
-        for row, step in past.late(rotations) if past else ():
-            covariances[row] += step.T @ step / (len(step) * UNIFORM)
         return BestPoint(positions_m, proved, rotations, covariances, cost, misfits)
 
     def _with_sensors(self, fit: Fit, enclosure: Interval) -> FloatArray:
@@ -208,7 +212,7 @@ class BestPointFinder:
         """Return where the fit starts and where it may go."""
         n_points, dimension = start_m.shape
         free = np.zeros((n_points, 6), dtype=bool)
-        free[:, :dimension] = enclosure.upper - enclosure.lower > LEAST_HALF_WIDTH
+        free[:, :dimension] = enclosure.upper - enclosure.lower > LEAST_WIDTH_M
         free[[sensor.row for sensor in self._sensors]] = False
         free[list(self.turning), 3 if dimension == 3 else 5 :] = True
         rotations = np.tile(np.eye(3), (n_points, 1, 1))
@@ -246,7 +250,7 @@ def _starts(start_m: FloatArray, enclosure: Interval) -> list[FloatArray]:
     bounded = np.isfinite(enclosure.lower) & np.isfinite(enclosure.upper)
     lower_m = np.where(bounded, enclosure.lower, start_m)
     width_m = np.where(bounded, enclosure.upper, start_m) - lower_m
-    if width_m.max() <= LEAST_HALF_WIDTH:
+    if width_m.max() <= LEAST_WIDTH_M:
         return [start_m]
     # Always the same ones, so that an answer does not depend on those before it.
     rng = np.random.default_rng(0)
@@ -307,11 +311,13 @@ def _inverse(equations: FloatArray, variances: FloatArray) -> FloatArray:
     These alone are what is left of information that rounding hides: of points that are known well
     from each other, and hardly at all from the rest.
     """
+    spread = float(np.max(equations.diagonal() * variances, initial=1.0))
+    if spread <= MOST_SPREAD:
+        return np.asarray(np.linalg.inv(equations))
     if not np.isfinite(equations).all():
         return np.diag(variances)
     scales = np.sqrt(variances)
     values, vectors = np.linalg.eigh(scales[:, None] * equations * scales)
-    # Each is at least 1, and what is smaller than the rounding of the largest is not known.
-    rounding = len(values) * np.finfo(float).eps * np.max(values, initial=0.0)
-    deviations = scales[:, None] * vectors / np.sqrt(np.where(values > rounding, values, 1.0))
+    deviations = scales[:, None] * vectors
+    deviations /= np.sqrt(np.where(values > spread / MOST_SPREAD, values, 1.0))
     return np.asarray(deviations @ deviations.T)

@@ -26,11 +26,10 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
-MOST_EFFORT = 6_000_000
-"""Most work on one problem: the sum of the cubes of the numbers that its fits change."""
-
 MOST_STEPS = 30
 FIRST_DAMPING = 1e-3
+LEAST_DAMPING = 1e-9
+MOST_DAMPING = 1e6
 LEAST_GAIN = 1e-6
 """A step that lowers the cost by less than this fraction, or by less than this, is the last."""
 
@@ -134,10 +133,10 @@ def fit_terms(terms: Terms, start: Bodies, *, robust: bool = False) -> Fit:
         trial_cost, *equations = examined(trial)
         if trial_cost < cost:
             gain, cost, best, (matrix, vector) = cost - trial_cost, trial_cost, trial, equations
-            damping = max(0.1 * damping, LEAST_GAIN * FIRST_DAMPING)
+            damping = max(0.1 * damping, LEAST_DAMPING)
             if gain <= LEAST_GAIN * max(1.0, cost):
                 break
-        elif (damping := 10.0 * damping) > 1.0 / LEAST_GAIN:
+        elif (damping := 10.0 * damping) > MOST_DAMPING:
             break
     return Fit(best, float(cost), columns, matrix)
 

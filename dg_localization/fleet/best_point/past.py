@@ -12,7 +12,7 @@ error of the odometry is shared by all that came before it.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 import math
 from typing import NamedTuple
@@ -20,27 +20,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.best_point.least_squares import (
-    MOST_EFFORT,
-    Fit,
-    equations_at,
-    residuals_of,
-)
-from dg_localization.fleet.best_point.stated_way import StatedWay, points_on, seen_from
-from dg_localization.fleet.best_point.terms import (
-    AT_ORIGIN,
-    LEAST_HALF_WIDTH,
-    PLACE,
-    RANGE,
-    RAY,
-    STEP,
-    TURN,
-    Terms,
-)
+from dg_localization.fleet.best_point.least_squares import Fit, equations_at, residuals_of
+from dg_localization.fleet.best_point.stated_way import VARIANTS, StatedWay, directions, packed
+from dg_localization.fleet.best_point.terms import AT_ORIGIN, RANGE, RAY, STEP, TURN, Terms
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.rotations import best_rotation
 from dg_localization.fleet.snapshot import Snapshot
-from dg_localization.fleet.window.memory import Ends, Table
+from dg_localization.fleet.window.memory import Ends
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -51,6 +37,10 @@ LONGEST_S = 30.0
 SPACING_S = 3.0
 """Between two bodies of a robot, at least."""
 
+MOST_POSES = 60
+"""Of all robots before now: a fit takes the cube of their number. Larger fleets than half as many
+robots have no smoother."""
+
 GUESS_ROUNDS = 5
 GUESS_SCALE_M = 0.5
 """A landmark that is farther off than this counts less when a pose is guessed."""
@@ -59,10 +49,17 @@ GREATEST_OFF, MEAN_OFF, FEW = 2.0, 1.05, 8
 """Bounds do not hold where one term is farther off a fit than the first, in half widths, or where
 the root mean square of at least `FEW` terms is above the second."""
 
-LATE_STEPS = 10
-
 NEAREST_M = 0.1
 """A target that is nearer may be seen in any direction once its observer has moved."""
+
+
+class _End(NamedTuple):
+    """The bodies that observers, or targets, of readings were on, and where in their frames."""
+
+    bodies: IntArray  # (m,)
+    poses: FloatArray  # (v, m, 3): x, y and yaw, as stated and by each error of odometry
+    unknown: FloatArray  # (m, 2): what silent odometry leaves open of these, in m and rad
+    moves: NDArray[np.bool_]  # (m,): whether a robot moved there, and what is fixed did not
 
 
 class Misfit(NamedTuple):
@@ -92,11 +89,12 @@ class Past:
         By row, the poses of robots now that lay what they saw of landmarks on the map.
     ends : frozenset of (str, str)
         Whose measurements the terms contain.
-    ways : mapping of int to StatedWay
-        By row, the odometry of each robot.
-    widened : numpy.ndarray, shape (m,)
-        How many times as wide as in the fit the bounds of the last terms are, with what odometry
-        may do wrong from the nearest body to a reading.
+    ways : tuple of Terms
+        For each robot, its terms: arms and values as stated come first of several, and then what
+        they were if its odometry erred all along.
+    constants : tuple of (float, float)
+        For each robot, how far its odometry is off at one time, in m and in rad: by its constant
+        error, and by what it did within its latency.
 
     """
 
@@ -105,48 +103,60 @@ class Past:
     poses: FloatArray
     guesses: Mapping[int, FloatArray]
     ends: frozenset[Ends]
-    ways: Mapping[int, StatedWay]
-    widened: FloatArray
+    ways: tuple[Terms, ...]
+    constants: tuple[tuple[float, float], ...]
 
-    def spread(self, fit: Fit) -> FloatArray:
+    def residuals(self, fit: Fit) -> list[FloatArray]:
+        """Return by how many half widths the terms of each robot are off a fit, as stated."""
+        return [residuals_of(way.variant(0), fit) for way in self.ways]
+
+    def spread(self, fit: Fit, residuals: Sequence[FloatArray]) -> FloatArray:
         """
         Return the products of the gradients that errors of the terms make at a robust fit.
 
-        Errors are independent of each other, but for those of readings of one target in a while.
+        Errors of readings are independent of each other, but for those of one target in a while.
+        What odometry does wrong it may do all along, so that its gradients add up first.
+        `residuals` are those of each robot.
         """
-        is_reading = np.isin(self.terms.kinds, (RANGE, RAY))
-        residuals = np.where(is_reading, residuals_of(self.terms, fit), 0.0)
-        widened = np.ones(len(residuals))
-        widened[-len(self.widened) :] = np.hypot(1.0, self.widened - 1.0)
-        common = self.terms.common_errors(residuals / widened)
-        shares = widened * np.sqrt(common) / np.hypot(1.0, residuals)
-        return equations_at(self.terms._replace(weights=shares * self.terms.weights), fit)[0]
+        of_readings = _of_readings(self.terms, residuals_of(self.terms, fit))
+        shares = np.sqrt(self.terms.common_errors(of_readings)) / np.hypot(1.0, of_readings)
+        spread, _ = equations_at(self.terms._replace(weights=shares * self.terms.weights), fit)
+        for way, stated in zip(self.ways, residuals, strict=True):
+            weights = way.weights / np.hypot(1.0, _of_readings(way, stated))
+            weighted = way._replace(weights=weights)
+            balance, *pulls = (
+                equations_at(weighted.variant(number), fit)[1] for number in range(VARIANTS)
+            )
+            for pull in pulls:
+                spread += np.outer(pull - balance, pull - balance)
+        return spread
 
-    def late(self, rotations: FloatArray) -> Iterator[tuple[int, FloatArray]]:
-        """Yield by what the odometry of robots may be late: a row, and steps (m, 6)."""
-        for row, way in self.ways.items():
-            steps = np.zeros((LATE_STEPS, 6))
-            steps[:, [0, 1, 5]] = way.late(np.linspace(0.0, SPACING_S, LATE_STEPS))
-            steps[:, :3] = steps[:, :3] @ rotations[row].T
-            yield row, steps
-
-    def misfits(self, fit: Fit) -> Iterator[Misfit]:
+    def misfits(self, fit: Fit, residuals: Sequence[FloatArray]) -> Iterator[Misfit]:
         """
         Yield the readings and steps that are farther off a robust fit than their bounds allow.
 
-        How late odometry is moves the place of a reading, too.
+        Errors of the odometry move the place of a reading, seen from the nearest body of the fit.
+        The part of a residual that they explain does not count. `residuals` are those of each
+        robot.
         """
-        residuals, kinds = np.abs(residuals_of(self.terms, fit)), self.terms.kinds
         n_points = len(fit.columns) - len(self.rows)
-        ends = np.append(np.arange(n_points), self.rows)[self.terms.bodies]
-        for robot, way in self.ways.items():
-            own = (ends == robot).any(axis=1) & (kinds != PLACE)
-            late_m, late_rad = way.most_late()
-            late = np.where(np.isin(kinds, (RANGE, STEP)), late_m, late_rad + late_m)
-            off = np.maximum(0.0, residuals - 2.0 * late * self.terms.weights)
-            off[-len(self.widened) :] /= self.widened
+        owners = np.append(np.arange(n_points), self.rows)
+        robots = dict.fromkeys(self.rows.tolist())
+        for way, robot, stated, (constant_m, constant_rad) in zip(
+            self.ways, robots, residuals, self.constants, strict=True
+        ):
+            is_step = np.isin(way.kinds, (STEP, TURN))
+            in_m = np.isin(way.kinds, (RANGE, STEP))
+            constant = np.where(in_m, constant_m, constant_rad + constant_m * ~is_step)
+            off = np.maximum(0.0, np.abs(stated) - 2.0 * constant * way.weights)
+            ends = owners[way.bodies]
             others = np.where(ends[:, 0] == robot, ends[:, 1], ends[:, 0])
-            yield from _misfits(kinds[own], others[own], off[own], robot)
+            if not any(_misfits(way.kinds, others, off, robot)):
+                continue
+            erring = [residuals_of(way.variant(n), fit) for n in range(1, VARIANTS)]
+            explained = np.abs(np.array(erring) - stated).sum(axis=0)
+            off = np.maximum(0.0, off - np.where(is_step, 0.0, explained))
+            yield from _misfits(way.kinds, others, off, robot)
 
 
 def _misfits(kinds: IntArray, others: IntArray, off: FloatArray, robot: int) -> Iterator[Misfit]:
@@ -164,23 +174,9 @@ def _misfits(kinds: IntArray, others: IntArray, off: FloatArray, robot: int) -> 
         yield Misfit(kind, robot, other, float(means[group]), float(most[group]))
 
 
-class _Seen(NamedTuple):
-    """
-    What robots on their ways and landmarks observed of each other.
-
-    Of each observation the rows of both ends, (m, 2), and where on their bodies they are,
-    (m, 2, 2); the bearing is NaN where nothing was seen.
-    """
-
-    table: Table
-    bodies: IntArray
-    arms_m: FloatArray
-    bearings_rad: FloatArray
-
-    def some(self, kept: NDArray[np.bool_]) -> _Seen:
-        """Return some of the observations."""
-        table = self.table.some(np.flatnonzero(kept))
-        return _Seen(table, self.bodies[kept], self.arms_m[kept], self.bearings_rad[kept])
+def _of_readings(terms: Terms, residuals: FloatArray) -> FloatArray:
+    """Return the residuals of ranges and rays, zero for other terms."""
+    return np.where(np.isin(terms.kinds, (RANGE, RAY)), residuals, 0.0)
 
 
 def past_of(snapshot: Snapshot, solved: Constraints, turning: Collection[int]) -> Past | None:
@@ -191,8 +187,7 @@ def past_of(snapshot: Snapshot, solved: Constraints, turning: Collection[int]) -
     That of others is guessed where they have seen landmarks, or what they saw is left out.
     """
     config, rows, odometry = snapshot.config, solved.rows, snapshot.motion.odometry
-    tables, now_s = snapshot.carried.tables, snapshot.stamp_s
-    if config.dimension != 2 or not tables:
+    if config.dimension != 2 or not snapshot.window.observations:
         return None
     moving = [
         robot
@@ -200,147 +195,166 @@ def past_of(snapshot: Snapshot, solved: Constraints, turning: Collection[int]) -
         if robot in rows
         and robot in odometry
         and robot not in config.anchors
-        and odometry[robot][-1].stamp_s >= now_s - config.max_age_s
+        and odometry[robot][-1].stamp_s >= snapshot.stamp_s - config.max_age_s
     ]
-    span_s = min(
-        LONGEST_S, now_s - min(s[0].stamp_s for s in snapshot.window.observations.values())
-    )
-    most_poses = int(MOST_EFFORT ** (1 / 3)) // 3
-    # Larger fleets have no smoother.
-    if span_s <= 0.0 or len(moving) > most_poses // 2:
+    oldest_s = min(seen[0].stamp_s for seen in snapshot.window.observations.values())
+    span_s = min(LONGEST_S, snapshot.stamp_s - oldest_s)
+    if span_s <= 0.0 or len(moving) > MOST_POSES // 2:
         return None
-    ways = {rows[robot]: StatedWay(snapshot, robot, now_s - span_s) for robot in moving}
-    seen = _seen(snapshot, solved, ways, Table.joined(tables.values()))
+    oldest_s = snapshot.stamp_s - span_s
+    ways = {robot: StatedWay(snapshot, robot, oldest_s, rows[robot]) for robot in moving}
+    table = _readings(snapshot, solved, ways)
     places_m = np.full((len(solved.points), 2), np.nan)
     for point, box in snapshot.anchors.boxes.items():
         if config.points[point] in rows:
             places_m[rows[config.points[point]]] = 0.5 * (box.lower + box.upper)
-    laid = {row: _laid_on_map(row, way, seen, places_m) for row, way in ways.items()}
+    laid = {way.row: _laid_on_map(way, table, places_m) for way in ways.values()}
     guesses = {row: pose for row, pose in laid.items() if pose is not None}
-    known = {row: way for row, way in ways.items() if row in turning or row in guesses}
-    left_out = np.isin(seen.bodies, [*ways.keys() - known.keys()])
-    seen = seen.some(np.asarray(~left_out.any(axis=1)))
-    if not len(seen.bodies):
+    known = [way for way in ways.values() if way.row in turning or way.row in guesses]
+    left_out = [way.row for way in ways.values() if way not in known]
+    table = table[~np.isin(table[:, :2], left_out).any(axis=1)]
+    if not len(table):
         return None
-    count = max(1, min(math.ceil(span_s / SPACING_S), most_poses // len(known)))
-    times_s = now_s - np.linspace(0.0, span_s, count + 1)
-    terms, widened = _terms(seen, known, times_s, len(solved.points))
+    count = max(1, min(math.ceil(span_s / SPACING_S), MOST_POSES // len(known)))
+    for number, way in enumerate(known):
+        way.place_bodies(len(solved.points) + count * number, count)
+    ends_of_all, steps = _ends(table, known), [way.steps() for way in known]
+    observed = np.unique(table[:, 11:].astype(int), axis=0)
     return Past(
-        terms,
-        np.repeat([*known], count),
-        np.concatenate([way.poses_now(times_s[1:]) for way in known.values()]),
+        Terms.joined([*_packed(table, ends_of_all), *steps]).variant(0),
+        np.repeat([way.row for way in known], count),
+        np.concatenate([way.poses_now(way.times_s[1:]) for way in known]),
         guesses,
-        frozenset((config.points[o], config.points[t]) for o, t in seen.table.ends.tolist()),
-        known,
-        widened,
+        frozenset((config.points[o], config.points[t]) for o, t in observed.tolist()),
+        tuple(
+            Terms.joined([*_packed(*_by_errors(way, table, ends_of_all)), own_steps])
+            for way, own_steps in zip(known, steps, strict=True)
+        ),
+        tuple(way.constants() for way in known),
     )
 
 
-def _seen(
-    snapshot: Snapshot, solved: Constraints, ways: Mapping[int, StatedWay], seen: Table
-) -> _Seen:
-    """Return what counts of a table; range differences are left out: a term has two ends."""
-    config, arms, row_of = snapshot.config, snapshot.mounts.arms_m, solved.rows
-    rows = np.array([row_of.get(config.robot_of(point), -1) for point in config.points])
-    fixed = [row_of[name] for name in config.anchors if name in row_of]
-    since_s = np.full(len(solved.points), math.inf)
-    since_s[fixed] = -math.inf
-    since_s[[*ways]] = [way.since_s for way in ways.values()]
-    bodies = rows[seen.ends]
-    kept = (bodies >= 0).all(axis=1) & (seen.stamps_s >= since_s[bodies].max(axis=1))
-    kept &= np.isin(bodies, [*ways]).any(axis=1)
-    kept[seen.differences] = False
-    arms_m = np.array([arms.get(point, AT_ORIGIN)[:2] for point in config.points])[seen.ends]
-    bearings_rad = np.arctan2(seen.rays[:, 1], seen.rays[:, 0]) - seen.expected_errors_rad
-    # Who may look anywhere has seen nothing.
-    bearings_rad[seen.errors_rad >= math.pi] = math.nan
-    return _Seen(seen, bodies, arms_m, bearings_rad).some(kept)
-
-
-def _terms(
-    seen: _Seen, ways: Mapping[int, StatedWay], times_s: FloatArray, n_points: int
-) -> tuple[Terms, FloatArray]:
+def _readings(
+    snapshot: Snapshot, solved: Constraints, ways: Mapping[str, StatedWay]
+) -> FloatArray:
     """
-    Return the terms of readings and odometry, and how much wider their bounds may be.
+    Return what robots on their ways and landmarks observed of each other, shape (m, 13).
 
-    Each robot has bodies at falling times: itself, and after the points its past poses in turn.
+    A row has the bodies of observer and target, the time, the likeliest distance and its half
+    width, the bearing and its error, the arms of both ends, and the points observer and target;
+    NaN is what was not measured. Range differences are left out: a term has two ends.
+    """
+    config, arms, seen = snapshot.config, snapshot.mounts.arms_m, snapshot.carried.table()
+    if seen is None:
+        return np.empty((0, 13))
+    fixed = config.anchors.keys() & solved.rows.keys()
+    robots = [config.robot_of(point) for point in config.points]
+    rows = [solved.rows[robot] if robot in ways or robot in fixed else -1 for robot in robots]
+    since_s = [ways[robot].since_s if robot in ways else -math.inf for robot in robots]
+    observed_s = np.array(since_s)[seen.ends].max(axis=1)
+    bodies = np.array(rows)[seen.ends]
+    kept = (bodies >= 0).all(axis=1) & (seen.stamps_s >= observed_s) & (observed_s > -math.inf)
+    kept[seen.differences] = False
+    seen, bodies = seen.some(np.flatnonzero(kept)), bodies[kept]
+    arms_m = np.array([arms.get(point, AT_ORIGIN)[:2] for point in config.points])[seen.ends]
+    # Who may look anywhere has seen nothing.
+    bearings_rad = np.arctan2(seen.rays[:, 1], seen.rays[:, 0]) - seen.expected_errors_rad
+    bearings_rad[seen.errors_rad >= math.pi] = math.nan
+    return np.column_stack(
+        [
+            bodies,
+            seen.stamps_s,
+            seen.likeliest_m,
+            0.5 * (seen.upper_m - seen.lower_m),
+            bearings_rad,
+            seen.errors_rad,
+            arms_m.reshape(-1, 4),
+            seen.ends,
+        ]
+    )
+
+
+def _by_errors(
+    way: StatedWay, table: FloatArray, ends: Sequence[_End]
+) -> tuple[FloatArray, list[_End]]:
+    """Return the readings of a robot and their ends by each error of its own odometry alone."""
+    own = table[:, :2].T == way.row
+    mine = own.any(axis=0)
+    erring = [
+        _End(
+            end.bodies[mine],
+            np.where(on_way[mine, None], end.poses[:, mine], end.poses[0, mine]),
+            end.unknown[mine],
+            end.moves[mine],
+        )
+        for end, on_way in zip(ends, own, strict=True)
+    ]
+    return table[mine], erring
+
+
+def _packed(table: FloatArray, ends: Sequence[_End]) -> list[Terms]:
+    """Return the ranges and the rays of observations, as `_readings` has them."""
+    distances_m, half_widths_m, bearings_rad, errors_rad = table[:, 3:7].T.copy()
+    first, second = ends
+    unknown_m = first.unknown[:, 0] + second.unknown[:, 0]
+    apart_m = np.where(np.isfinite(distances_m), distances_m, np.inf)
+    unknown_rad = first.unknown[:, 1] + unknown_m / np.maximum(apart_m, NEAREST_M)
+    bodies = np.stack([first.bodies, second.bodies], axis=-1)
+    arms_m = np.zeros((VARIANTS, len(bodies), 2, 3))
+    for end, columns in enumerate((slice(7, 9), slice(9, 11))):
+        arms_m[:, :, end, :2] = _points_on(ends[end].poses, table[:, columns])
+    values = np.zeros((VARIANTS, len(bodies), 3))
+    values[..., 0] = distances_m
+    rays = directions(first.poses[..., 2] + bearings_rad)
+    ranged = np.isfinite(distances_m) & np.isfinite(half_widths_m)
+    # How what is fixed is turned is not known.
+    sighted = np.isfinite(bearings_rad) & first.moves
+    return [
+        packed(kind, bodies[known], arms_m[:, known], value[:, known], half_widths[known])
+        for kind, known, value, half_widths in (
+            (RANGE, ranged, values, half_widths_m + unknown_m),
+            (RAY, sighted, rays, errors_rad + unknown_rad),
+        )
+    ]
+
+
+def _ends(table: FloatArray, ways: Iterable[StatedWay]) -> list[_End]:
+    """
+    Return where the observers and the targets of a table were, by the ways of robots.
+
     What is fixed has always been the same body.
     """
-    table, bodies = seen.table, seen.bodies.copy()
-    apart_m = np.where(np.isfinite(table.likeliest_m), table.likeliest_m, np.inf)
-    # As the fit has them, and as wide as they may be.
-    halves_m = np.stack([0.5 * (table.upper_m - table.lower_m)] * 2)
-    halves_rad = np.stack([table.errors_rad] * 2)
-    arms_m, rays_rad = np.pad(seen.arms_m, ((0, 0), (0, 0), (0, 1))), seen.bearings_rad.copy()
-    nearest = np.rint((times_s[0] - table.stamps_s) / (times_s[0] - times_s[1])).astype(int)
-    nearest, n_past = np.clip(nearest, 0, len(times_s) - 1), len(times_s) - 1
-    parts: list[Terms] = []
-    widened: list[FloatArray] = []
-    for number, (row, way) in enumerate(ways.items()):
-        own = np.append(row, n_points + n_past * number + np.arange(n_past))
-        of_bodies, is_own = way.poses(times_s), seen.bodies == row
-        poses = seen_from(of_bodies[nearest], way.poses(table.stamps_s))
-        bodies[is_own] = np.stack([own[nearest]] * 2, axis=-1)[is_own]
-        for end in (0, 1):
-            mine = is_own[:, end]
-            arms_m[mine, end, :2] = points_on(poses[mine], seen.arms_m[mine, end])
-        rays_rad += np.where(is_own[:, 0], poses[:, 2], 0.0)
-        between_s = table.stamps_s, times_s[nearest]
-        off = np.stack([way.unknown(*between_s), way.errors(*between_s)], axis=1)
-        off *= is_own.any(axis=1)
-        halves_m += off[0]
-        halves_rad += off[1] * is_own[:, 0] + off[0] / np.maximum(apart_m, NEAREST_M)
-        errors = way.errors(times_s[1:], times_s[:-1])
-        parts += _steps(own, of_bodies, errors)
-        widened.append(np.ones(errors.size))
-    ranged = np.isfinite(table.likeliest_m) & np.isfinite(halves_m[0])
-    # How what is fixed is turned is not known.
-    sighted = np.isfinite(rays_rad) & np.isin(seen.bodies[:, 0], [*ways])
-    distances_m = np.pad(table.likeliest_m[:, None], ((0, 0), (0, 2)))
-    for kind, some, values, halves in (
-        (RANGE, ranged, distances_m, halves_m),
-        (RAY, sighted, directions(rays_rad), halves_rad),
-    ):
-        least, most = np.maximum(halves[:, some], LEAST_HALF_WIDTH)
-        parts.append(_packed(kind, bodies[some], arms_m[some], values[some], least))
-        widened.append(most / least)
-    return Terms.joined(parts), np.concatenate(widened)
+    found = []
+    for rows in table[:, :2].T.astype(int):
+        count = len(rows)
+        poses, unknown = np.zeros((VARIANTS, count, 3)), np.zeros((count, 2))
+        end = _End(rows.copy(), poses, unknown, np.zeros(count, bool))
+        for way in ways:
+            if (own := rows == way.row).any():
+                end.bodies[own], end.poses[:, own], end.unknown[own] = way.ends(table[own, 2])
+                end.moves[own] = True
+        found.append(end)
+    return found
 
 
-def _steps(own: IntArray, poses: FloatArray, errors: FloatArray) -> list[Terms]:
-    """Return the terms that odometry makes of the bodies of a robot."""
-    bodies, between = np.stack([own[:-1], own[1:]], axis=-1), seen_from(poses[:-1], poses[1:])
-    nothing = np.zeros((len(bodies), 2, 3))
-    ends = nothing.copy()
-    ends[:, 0, :2] = between[:, :2]
-    turned = _packed(TURN, bodies, nothing, directions(between[:, 2]), errors[1])
-    return [_packed(STEP, bodies, ends, nothing[:, 0], errors[0]), turned]
+def _points_on(poses: FloatArray, arms_m: FloatArray) -> FloatArray:
+    """Return where points on bodies are, shape (..., m, 2), by the poses (x, y, yaw) of these."""
+    c, s = np.cos(poses[..., 2]), np.sin(poses[..., 2])
+    x, y = arms_m.T
+    return poses[..., :2] + np.stack([c * x - s * y, s * x + c * y], axis=-1)
 
 
-def _packed(
-    kind: int, bodies: IntArray, arms_m: FloatArray, values: FloatArray, half_widths: FloatArray
-) -> Terms:
-    """Return terms of one kind."""
-    weights = 1.0 / np.maximum(half_widths, LEAST_HALF_WIDTH)
-    return Terms(np.full(len(bodies), kind), bodies, arms_m, values, weights)
-
-
-def directions(angles_rad: FloatArray) -> FloatArray:
-    """Return unit vectors in the plane, shape (m, 3)."""
-    return np.stack([np.cos(angles_rad), np.sin(angles_rad), 0.0 * angles_rad], axis=-1)
-
-
-def _laid_on_map(row: int, way: StatedWay, seen: _Seen, places_m: FloatArray) -> FloatArray | None:
+def _laid_on_map(way: StatedWay, table: FloatArray, places_m: FloatArray) -> FloatArray | None:
     """
     Return the pose (x, y, yaw) that puts the landmarks that a robot saw where the map has them.
 
     Landmarks that are off count less in every round, so that a few that were misread do not
     matter. None where fewer than two are known.
     """
-    own = seen.some(seen.bodies[:, 0] == row)
-    poses, true_m = way.poses_now(own.table.stamps_s), places_m[own.bodies[:, 1]]
-    seen_m = points_on(poses, own.arms_m[:, 0])
-    seen_m += own.table.likeliest_m[:, None] * directions(poses[:, 2] + own.bearings_rad)[:, :2]
+    own = table[table[:, 0] == way.row]
+    poses, true_m = way.poses_now(own[:, 2]), places_m[own[:, 1].astype(int)]
+    seen_m = _points_on(poses, own[:, 7:9])
+    seen_m += own[:, 3:4] * directions(poses[:, 2] + own[:, 5])[:, :2]
     known = np.isfinite(seen_m).all(axis=1) & np.isfinite(true_m).all(axis=1)
     seen_m, true_m = seen_m[known], true_m[known]
     if len(np.unique(true_m, axis=0)) < 2:

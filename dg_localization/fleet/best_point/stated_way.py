@@ -2,83 +2,162 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The way of a robot in the plane as its odometry states it, and what it may be off.
+The way of a robot in the plane as its odometry states it: its bodies now and before.
 
-Plain floating point: it serves an estimate. What is proved comes from `fleet.odometry`.
+Plain floating point: it serves an estimate. What is proved comes from `fleet.odometry`. While
+nothing is measured of a robot, its likeliest pose is that of the last fit, carried by its
+odometry: a fit of what is left in the window would forget what the last one knew.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dg_localization.fleet.best_point.terms import LEAST_HALF_WIDTH, STEP, TURN, UNIFORM, Terms
+from dg_localization.fleet.estimate import Placement
 from dg_localization.fleet.snapshot import Snapshot
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+MOST_SAMPLES = 200
+"""Between them the way is straight."""
+
+VARIANTS = 5
+"""Of a way: as stated, and as it was if odometry erred all along, for one of four reasons."""
 
 STEP_ERROR = 1e-3
 """Odometry is never as exact as its bounds may say, in m and in rad."""
 
 
-class StatedWay:
-    """The odometry of a robot since a time."""
+AXES = [0, 1, 5]
+"""The rows of x, y and yaw in a covariance of position and rotation."""
 
-    def __init__(self, snapshot: Snapshot, robot: str, oldest_s: float) -> None:
+
+class StatedWay:
+    """The odometry of a robot since a time, thinned; `row` is its body of now."""
+
+    def __init__(self, snapshot: Snapshot, robot: str, oldest_s: float, row: int) -> None:
         config = snapshot.config
         path = snapshot.carried.path(config.robots.index(robot))
         self._error = config.odometry_error_of(robot)
         self._limits = config.speed_m_s(robot), config.max_turn_rate_rad_s
-        self._now_s, self.latency_s = snapshot.stamp_s, self._error.latency_s
+        self.row, self._now_s, self._oldest_s = row, snapshot.stamp_s, oldest_s
         first = max(0, int(np.searchsorted(path.stamps_s, oldest_s)) - 1)
-        self._stamps_s, self._stated = path.stamps_s[first:], path.poses[first:]
+        stamps_s = path.stamps_s[first:]
+        steps_s, known = np.diff(stamps_s), path.is_known[first:]
+        self._sampled_s = stamps_s, np.append(0.0, np.cumsum(np.where(known, 0.0, steps_s)))
+        # The newest one counts most.
+        every = slice(None, None, -max(1, len(stamps_s) // MOST_SAMPLES))
+        self._stamps_s, poses = stamps_s[every][::-1], path.poses[first:][every][::-1]
         # Where it was before its odometry began is not known.
         self.since_s = max(oldest_s, float(self._stamps_s[0]))
-        self._stated[:, 2] = np.unwrap(self._stated[:, 2])
-        steps = np.diff(self._stated, axis=0)
-        silent_s = np.where(path.is_known[first:], 0.0, np.diff(self._stamps_s))
-        each = np.stack([np.hypot(steps[:, 0], steps[:, 1]), np.abs(steps[:, 2]), silent_s])
-        # The way, the turns, and for how long nothing came, up to each sample.
-        self._sums = np.pad(np.cumsum(each, axis=1), ((0, 0), (1, 0)))
+        yaws_rad = np.unwrap(poses[:, 2])
+        steps_m = np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1)
+        turns_rad = np.abs(np.diff(yaws_rad))
+        self._sums = [np.append(0.0, np.cumsum(steps)) for steps in (steps_m, turns_rad)]
+        self._variants = [*self._erring(poses[:, 0] + 1j * poses[:, 1], yaws_rad)]
 
-    def poses(self, times_s: FloatArray) -> FloatArray:
-        """Return x, y and yaw at some times, shape (m, 3); the ends of the way beyond."""
-        columns = self._stated.T
-        return np.stack([np.interp(times_s, self._stamps_s, one) for one in columns], axis=-1)
+    def place_bodies(self, first_past: int, count: int) -> None:
+        """Give the robot bodies at `count` earlier times, numbered from `first_past`."""
+        span_s = self._now_s - self._oldest_s
+        self.times_s = self._now_s - np.linspace(0.0, span_s, count + 1)
+        self._bodies = np.concatenate([[self.row], first_past + np.arange(count)])
+        self._poses_of_bodies = self._poses(self.times_s)
 
-    def poses_now(self, times_s: FloatArray) -> FloatArray:
-        """Return the poses at some times seen from that of now, shape (m, 3)."""
-        return seen_from(self.poses(np.array([self._now_s])), self.poses(times_s))
+    def ends(self, stamps_s: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+        """
+        Return the bodies nearest to some times, and the pose at each time in their frames.
 
-    def driven(self, first_s: FloatArray, second_s: FloatArray) -> FloatArray:
-        """Return the stated ways and turns between times, in m and in rad, shape (2, m)."""
-        ends = [
-            [np.interp(times_s, self._stamps_s, sums) for times_s in (first_s, second_s)]
-            for sums in self._sums[:2]
-        ]
-        return np.asarray(np.abs(np.diff(ends, axis=1)[:, 0]))
+        Poses are those of all variants, shape (v, m, 3). The last array, shape (m, 2), is what
+        silent odometry leaves open of each, in m and rad.
+        """
+        spacing_s = self.times_s[0] - self.times_s[1]
+        nearest = np.rint((self.times_s[0] - stamps_s) / spacing_s).astype(int)
+        nearest = np.clip(nearest, 0, len(self.times_s) - 1)
+        unknown = self._unknown_motion(stamps_s, self.times_s[nearest])
+        poses = seen_from(self._poses_of_bodies[:, nearest], self._poses(stamps_s))
+        return self._bodies[nearest], poses, unknown.T
 
-    def errors(self, first_s: FloatArray, second_s: FloatArray) -> FloatArray:
-        """Return the errors of the ways between times, in m and in rad, shape (2, m)."""
+    def poses_now(self, stamps_s: FloatArray) -> FloatArray:
+        """Return the stated poses at some times, seen from that of now, shape (m, 3)."""
+        poses = self._poses(np.append(self._now_s, stamps_s), 1)[0]
+        return seen_from(poses[0], poses[1:])
+
+    def steps(self) -> Terms:
+        """Return the terms that odometry makes of the bodies, in all variants."""
+        bodies = np.stack([self._bodies[:-1], self._bodies[1:]], axis=-1)
+        between = seen_from(self._poses_of_bodies[:, :-1], self._poses_of_bodies[:, 1:])
+        errors_m, errors_rad = self._errors(self.times_s)
+        nothing = np.zeros((VARIANTS, len(bodies), 3))
+        ends = np.stack([nothing, nothing], axis=-2)
+        ends[:, :, 0, :2] = between[..., :2]
+        axes = directions(between[..., 2])
+        turned = packed(TURN, bodies, np.zeros_like(ends), axes, errors_rad)
+        return Terms.joined([packed(STEP, bodies, ends, nothing, errors_m), turned])
+
+    def whole(self) -> tuple[FloatArray, float, float]:
+        """Return the pose of now seen from the oldest one, and its errors in m and in rad."""
+        times_s = np.array([self._now_s, self._oldest_s])
+        now, then = self._poses(times_s, 1)[0]
+        ((error_m,), (error_rad,)) = self._errors(times_s)
+        # Both ends may be late, by different times.
+        off_m, off_rad = self.constants()
+        return seen_from(then, now), float(error_m + 2.0 * off_m), float(error_rad + 2.0 * off_rad)
+
+    def constants(self) -> tuple[float, float]:
+        """Return how far odometry is off at one time, its way to there apart, in m and in rad."""
+        speed_m_s, rate_rad_s = (limit if self._error.latency_s else 0.0 for limit in self._limits)
+        late_s = self._error.latency_s
+        constant_m = self._error.constant_m + late_s * speed_m_s
+        return constant_m, self._error.constant_rad + late_s * rate_rad_s
+
+    def _errors(self, times_s: FloatArray) -> FloatArray:
+        """Return the errors of the ways between falling times, in m and in rad, shape (2, m)."""
         error = self._error
+        driven = [-np.diff(np.interp(times_s, self._stamps_s, sums)) for sums in self._sums]
         rates = [
             [error.translation_per_m, error.translation_per_rad],
             [error.rotation_per_m, error.rotation_per_rad],
         ]
-        errors = rates @ self.driven(first_s, second_s) + self.unknown(first_s, second_s)
-        return np.maximum(errors + [[error.constant_m], [error.constant_rad]], STEP_ERROR)
+        errors = rates @ np.array(driven) + self._unknown_motion(times_s[1:], times_s[:-1])
+        errors += np.array([[error.constant_m], [error.constant_rad]])
+        return np.maximum(errors, STEP_ERROR)
 
-    def most_late(self) -> FloatArray:
-        """Return how far the robot can get and turn within the latency of its odometry."""
-        return np.multiply(self._limits, self.latency_s)
+    def _erring(
+        self, places_m: NDArray[np.complex128], yaws_rad: FloatArray
+    ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray, float]]:
+        """
+        Yield x, y and yaw of each variant, and how late they are.
 
-    def late(self, ages_s: FloatArray) -> FloatArray:
-        """Return the poses at some ages seen from those before the latency, shape (m, 3)."""
-        times_s = self._now_s - ages_s
-        return seen_from(self.poses(times_s - self.latency_s), self.poses(times_s))
+        The stated way comes first. In others odometry errs as far as its bounds allow all along.
+        """
+        error = self._error
+        yield places_m.real, places_m.imag, yaws_rad, 0.0
+        scaled_m = (1.0 + error.translation_per_m) * places_m
+        yield scaled_m.real, scaled_m.imag, yaws_rad, 0.0
+        for turns_rad in (error.rotation_per_rad * yaws_rad, error.rotation_per_m * self._sums[0]):
+            steps_m = np.diff(places_m) * np.exp(0.5j * (turns_rad[1:] + turns_rad[:-1]))
+            bent_m = np.append(0.0, np.cumsum(steps_m))
+            yield bent_m.real, bent_m.imag, yaws_rad + turns_rad, 0.0
+        yield places_m.real, places_m.imag, yaws_rad, error.latency_s
 
-    def unknown(self, first_s: FloatArray, second_s: FloatArray) -> FloatArray:
+    def _poses(self, times_s: FloatArray, count: int = VARIANTS) -> FloatArray:
+        """Return the first variants at some times, shape (v, m, 3); the ends of the way beyond."""
+        stamps_s = self._stamps_s
+        return np.array(
+            [
+                [np.interp(times_s - late_s, stamps_s, column) for column in columns]
+                for *columns, late_s in self._variants[:count]
+            ]
+        ).swapaxes(1, 2)
+
+    def _unknown_motion(self, first_s: FloatArray, second_s: FloatArray) -> FloatArray:
         """
         Return what the stated motion between times leaves open, in m and rad, shape (2, m).
 
@@ -90,8 +169,22 @@ class StatedWay:
 
     def _silent_s(self, times_s: FloatArray) -> FloatArray:
         """Return for how long odometry was silent up to some times, after its last message too."""
-        known_s = np.interp(times_s, self._stamps_s, self._sums[2])
-        return known_s + np.maximum(times_s - self._stamps_s[-1], 0.0)
+        stamps_s, silent_s = self._sampled_s
+        return np.interp(times_s, stamps_s, silent_s) + np.maximum(times_s - stamps_s[-1], 0.0)
+
+
+def packed(
+    kind: int, bodies: IntArray, arms_m: FloatArray, values: FloatArray, half_widths: FloatArray
+) -> Terms:
+    """Return terms of one kind."""
+    weights = 1.0 / np.maximum(half_widths, LEAST_HALF_WIDTH)
+    return Terms(np.full(len(bodies), kind), bodies, arms_m, values, weights)
+
+
+def directions(angles_rad: FloatArray) -> FloatArray:
+    """Return unit vectors in the plane, shape (..., 3)."""
+    c, s = np.cos(angles_rad), np.sin(angles_rad)
+    return np.stack([c, s, np.zeros_like(c)], axis=-1)
 
 
 def seen_from(origins: FloatArray, poses: FloatArray) -> FloatArray:
@@ -101,8 +194,95 @@ def seen_from(origins: FloatArray, poses: FloatArray) -> FloatArray:
     return np.stack([c * dx + s * dy, c * dy - s * dx, turn], axis=-1)
 
 
-def points_on(poses: FloatArray, arms_m: FloatArray) -> FloatArray:
-    """Return where points on bodies are, shape (m, 2), by the poses (x, y, yaw) of these."""
-    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    x, y = arms_m.T
-    return np.asarray(poses[:, :2] + np.stack([c * x - s * y, s * x + c * y], axis=-1))
+@dataclass(frozen=True, eq=False)
+class LikelyPose:
+    """
+    Where a robot in the plane was likely at a time, among the anchors.
+
+    Parameters
+    ----------
+    stamp_s : float
+    measured_s : float
+        The time of its newest observation.
+    pose : numpy.ndarray, shape (3,)
+        x, y and yaw.
+    covariance : numpy.ndarray, shape (3, 3)
+
+    """
+
+    stamp_s: float
+    measured_s: float
+    pose: FloatArray
+    covariance: FloatArray
+
+    def carried(self, snapshot: Snapshot, robot: str) -> LikelyPose | None:
+        """Return the pose at the time of a snapshot; None where odometry does not tell."""
+        track = snapshot.motion.odometry.get(robot)
+        if not track or track[0].stamp_s > self.stamp_s:
+            return None
+        way = StatedWay(snapshot, robot, self.stamp_s, 0)
+        (dx, dy, turn_rad), error_m, error_rad = way.whole()
+        x, y, yaw_rad = self.pose
+        c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+        dx, dy = c * dx - s * dy, s * dx + c * dy
+        change = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
+        # The errors of a step are the same all along at worst.
+        off_m2 = (error_m**2 + (error_rad * math.hypot(dx, dy)) ** 2) / UNIFORM
+        errors = np.diag([off_m2, off_m2, error_rad**2 / UNIFORM])
+        return LikelyPose(
+            snapshot.stamp_s,
+            self.measured_s,
+            np.array([x + dx, y + dy, yaw_rad + turn_rad]),
+            change @ self.covariance @ change.T + errors,
+        )
+
+
+def carried_on(
+    snapshot: Snapshot, placement: Placement, before: Mapping[str, LikelyPose]
+) -> tuple[Placement, dict[str, LikelyPose]]:
+    """
+    Return a placement among anchors, and the likely poses of its robots.
+
+    A robot that has not been measured since its last fit gets the pose of that fit, carried to
+    now by its odometry.
+    """
+    positions_m, covariances = placement.positions_m.copy(), placement.covariances
+    yaws_rad, poses = placement.fitted_yaws_rad, dict[str, LikelyPose]()
+    if covariances is None or yaws_rad is None:
+        return placement, poses
+    covariances, yaws_rad = covariances.copy(), yaws_rad.copy()
+    measured_s = _newest_observations_s(snapshot)
+    measured_now = {snapshot.config.robot_of(end) for key in snapshot.keys for end in key.ends}
+    for row, robot in enumerate(snapshot.config.robots):
+        newest_s, known = measured_s.get(robot, -math.inf), before.get(robot)
+        carried = None
+        if known is not None and robot not in measured_now and newest_s <= known.measured_s:
+            carried = known.carried(snapshot, robot)
+        among = np.ix_([row], AXES, AXES)
+        if carried is not None:
+            poses[robot] = carried
+            low_m, high_m = placement.enclosure_m[row]
+            positions_m[row] = np.clip(carried.pose[:2], low_m, high_m)
+            covariances[among], yaws_rad[row] = carried.covariance, carried.pose[2]
+        elif np.isfinite(covariances[among]).all() and np.isfinite(yaws_rad[row]):
+            pose = np.array([*positions_m[row], yaws_rad[row]])
+            stamp_s = snapshot.stamp_s
+            poses[robot] = LikelyPose(stamp_s, newest_s, pose, covariances[among][0])
+    moved = bool(np.any(positions_m != placement.positions_m))
+    placement = replace(
+        placement,
+        positions_m=positions_m,
+        covariances=covariances,
+        fitted_yaws_rad=yaws_rad,
+        proved=placement.proved and not moved,
+    )
+    return placement, poses
+
+
+def _newest_observations_s(snapshot: Snapshot) -> dict[str, float]:
+    """Return when each robot was last observed, or observed another."""
+    config, newest_s = snapshot.config, dict[str, float]()
+    for ends, seen in snapshot.window.observations.items():
+        for robot in map(config.robot_of, ends):
+            newest_s[robot] = max(newest_s.get(robot, -math.inf), seen[-1].stamp_s)
+    return newest_s

@@ -141,9 +141,17 @@ class _Oracle:
         return self._cancel is not None and self._cancel.is_set()
 
 
-class Search:
+def explain(
+    observations: Suspects,
+    regions: Sequence[Suspects],
+    named: Sequence[Mapping[Suspect, Suspects]],
+    contradicts: Contradicts,
+    limits: Limits,
+    refuted: Collection[Suspects] = (),
+    anchors: Mapping[Suspect, Suspects] = MappingProxyType({}),
+) -> Explanation:
     """
-    The search for conflicts and corrections, with what has been found so far.
+    Explain a contradiction.
 
     Parameters
     ----------
@@ -151,77 +159,66 @@ class Search:
         They contradict each other.
     regions : sequence of frozenset of Suspect
         Parts of them that are small problems, where a contradiction is found sooner.
+    named : sequence of mapping of Suspect to frozenset of Suspect
+        Suspects with the observations that each stands for, small ones first. Corrections consist
+        of the first; all serve to name a culprit.
     contradicts : callable
     limits : Limits
-        Of all that is asked.
+    refuted : collection of frozenset of Suspect, optional
+        Sets that are known to be no corrections, although no effort shows it.
+    anchors : mapping of Suspect to frozenset of Suspect, optional
+        Those that two may explain together: they may be exchanged.
+
+    Returns
+    -------
+    Explanation
 
     """
+    oracle = _Oracle(contradicts, limits)
+    contradicting = [observations - _stand_for(dropped, named[0]) for dropped in refuted]
+    search = _Search(observations, regions, oracle, contradicting)
+    searched, stopped = 0, False
+    culprits: tuple[Suspect, ...] = ()
+    together: tuple[tuple[Suspect, Suspect], ...] = ()
+    try:
+        # One size after the other: where larger ones take too long, smaller ones are known.
+        for size in range(1, limits.max_outliers + 1):
+            search.find_corrections(named[0], size)
+            searched = size
+        search.find_disjoint_conflicts()
+        if not search.corrections:
+            culprits = search.culprits(named)
+            together = () if culprits else search.together(anchors)
+    except _LimitReachedError:
+        stopped = True
+    return Explanation(
+        tuple(sorted(search.conflicts, key=sorted)),
+        tuple(sorted(search.corrections, key=lambda found: (len(found), sorted(found)))),
+        searched,
+        search.among,
+        culprits,
+        together,
+        stopped,
+    )
+
+
+class _Search:
+    """The search for conflicts and corrections, with what has been found so far."""
 
     def __init__(
         self,
         observations: Suspects,
         regions: Sequence[Suspects],
-        contradicts: Contradicts,
-        limits: Limits,
+        oracle: _Oracle,
+        contradicting: Collection[Suspects],
     ) -> None:
         self._observations = observations
         self._regions = regions
-        self._oracle = _Oracle(contradicts, limits)
-        self._max_outliers = limits.max_outliers
-        self._contradicting: list[Suspects] = []
+        self._oracle = oracle
+        self._contradicting = contradicting
         self.conflicts: list[Suspects] = []
         self.corrections: list[Suspects] = []
         self.among: Suspects = frozenset()
-
-    def explain(
-        self,
-        named: Sequence[Mapping[Suspect, Suspects]],
-        refuted: Collection[Suspects] = (),
-        anchors: Mapping[Suspect, Suspects] = MappingProxyType({}),
-    ) -> Explanation:
-        """
-        Explain the contradiction.
-
-        Parameters
-        ----------
-        named : sequence of mapping of Suspect to frozenset of Suspect
-            Suspects with the observations that each stands for, small ones first. Corrections
-            consist of the first; all serve to name a culprit.
-        refuted : collection of frozenset of Suspect, optional
-            Sets that are known to be no corrections, although no effort shows it.
-        anchors : mapping of Suspect to frozenset of Suspect, optional
-            Those that two may explain together: they may be exchanged.
-
-        Returns
-        -------
-        Explanation
-
-        """
-        self._contradicting = [self._observations - _stand_for(d, named[0]) for d in refuted]
-        self.corrections, self.among = [], frozenset()
-        searched, stopped = 0, False
-        culprits: tuple[Suspect, ...] = ()
-        together: tuple[tuple[Suspect, Suspect], ...] = ()
-        try:
-            # One size after the other: where larger ones take too long, smaller ones are known.
-            for size in range(1, self._max_outliers + 1):
-                self.find_corrections(named[0], size)
-                searched = size
-            self.find_disjoint_conflicts()
-            if not self.corrections:
-                culprits = self.culprits(named)
-                together = () if culprits else self.together(anchors)
-        except _LimitReachedError:
-            stopped = True
-        return Explanation(
-            tuple(sorted(self.conflicts, key=sorted)),
-            tuple(sorted(self.corrections, key=lambda found: (len(found), sorted(found)))),
-            searched,
-            self.among,
-            culprits,
-            together,
-            stopped,
-        )
 
     def find_corrections(self, named: Mapping[Suspect, Suspects], max_outliers: int) -> None:
         """Find all minimal corrections of up to `max_outliers` suspects, or keep those known."""

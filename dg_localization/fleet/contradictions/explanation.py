@@ -15,7 +15,7 @@ import numpy as np
 from dg_localization.fleet.answers import Answer, answer_of, shared_time
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.constraints.constrain import Constraints, constrain
-from dg_localization.fleet.contradictions.conflicts import Effort, Explanation, Limits, Search
+from dg_localization.fleet.contradictions.conflicts import Effort, Explanation, Limits, explain
 from dg_localization.fleet.contradictions.suspects import (
     Links,
     Observations,
@@ -24,19 +24,25 @@ from dg_localization.fleet.contradictions.suspects import (
     Suspects,
     line_up,
 )
+from dg_localization.fleet.estimate import Group
 from dg_localization.fleet.frames.plan import Plans, plan_frames
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import Conflict, LinkKind
-from dg_localization.fleet.window.memory import Table
+from dg_localization.fleet.window.memory import WORLD, Observation
 from dg_localization.fleet.window.pose_sets import PoseSets
 from dg_localization.interval.arrays import Interval
-from dg_localization.poses import NO_RAY_RAD, find_suspects
+from dg_localization.poses import find_suspects
 from dg_localization.solver.options import Cancel
 from dg_localization.solver.result import Verdict
 from dg_localization.solver.solve import solve
 
 BRIEF_BOXES = 32
 """Most boxes of one brief problem: a contradiction shows early or hardly ever."""
+
+
+MOST_SEARCHES = 3
+"""Most searches for corrections, and one more for each outlier. After these there is no answer:
+each found corrections that were wrong or not proved."""
 
 OF_SETTINGS = (
     'the settings contradict each other, whatever is measured: anchors, mounts, elevations or '
@@ -146,6 +152,32 @@ def observations_of(snapshot: Snapshot) -> Observations:
     return line_up(snapshot.keys, snapshot.detections, config.sensors, config.anchors)
 
 
+def explain_snapshot(
+    snapshot: Snapshot,
+    observed: Observations,
+    cancel: Cancel | None = None,
+    refuted: Collection[Suspects] = (),
+) -> Explanation:
+    """
+    Return which observations of a snapshot contradict each other, and who explains it.
+
+    `refuted` are known to be no corrections.
+    """
+    config = snapshot.config
+    kinds = list(SuspectKind)
+    return explain(
+        observed.observations,
+        list(dict.fromkeys(_small_parts(snapshot, observed))),
+        [observed.covered_by(kind) for kind in kinds[kinds.index(config.outlier_unit) :]],
+        ContradictionOracle(snapshot, observed, cancel),
+        Limits(
+            config.max_outliers, config.max_conflict_solves, config.max_conflict_seconds, cancel
+        ),
+        refuted,
+        {one: observed.robots[one] for one in sorted(observed.of_anchors)},
+    )
+
+
 class Corrected(NamedTuple):
     """The explanation of a contradiction, and the answer of each correction in its frames."""
 
@@ -174,19 +206,10 @@ def corrected(
     shows that the rest do not agree, it was none, and larger ones may be. Where the answer does
     not prove that the rest agree, larger ones count beside it.
     """
-    config, kinds = snapshot.config, list(SuspectKind)
-    limits = Limits(
-        config.max_outliers, config.max_conflict_solves, config.max_conflict_seconds, cancel
-    )
-    oracle = ContradictionOracle(snapshot, observed, cancel)
-    regions = list(dict.fromkeys(_small_parts(snapshot, observed)))
-    search = Search(observed.observations, regions, oracle, limits)
-    named = [observed.covered_by(kind) for kind in kinds[kinds.index(config.outlier_unit) :]]
-    anchors = {one: observed.robots[one] for one in sorted(observed.of_anchors)}
     refuted: frozenset[Suspects] = frozenset()
     unsure: frozenset[Suspects] = frozenset()
-    while True:
-        explanation = search.explain(named, refuted | unsure, anchors)
+    for _ in range(MOST_SEARCHES + snapshot.config.max_outliers):
+        explanation = explain_snapshot(snapshot, observed, cancel, refuted | unsure)
         every = unsure.union(explanation.corrections)
         ordered = sorted(every, key=lambda dropped: (len(dropped), sorted(dropped)))
         explanation = replace(explanation, corrections=tuple(ordered))
@@ -202,6 +225,8 @@ def corrected(
             return found.without(wrong)
         refuted |= smaller & wrong
         unsure = (unsure | doubtful) - refuted
+    stopped = replace(explanation, corrections=(), searched=0, stopped=True)
+    return Corrected(stopped, found.plans, [])
 
 
 def _with_answers(
@@ -235,7 +260,8 @@ def _is_proved(snapshot: Snapshot, found: Answer) -> bool:
     """Return whether it is proved that some placement agrees, or where that is never proved."""
     if any(mount.bound_m == 0.0 for mount in snapshot.config.sensors.values()):
         return True
-    return all(any(placement.proved for placement in part.placements) for part in found.parts)
+    parts: list[Answer | Group] = [found, *found.groups]
+    return all(any(placement.proved for placement in part.placements) for part in parts)
 
 
 def suspects_of(observed: Observations, explanation: Explanation) -> tuple[Suspect, ...]:
@@ -315,24 +341,26 @@ def suspects_in_window(
     """
     if not snapshot.config.window_outliers:
         return ()
+    covers = {
+        **{(WORLD, robot): cover for robot, cover in pose_sets.covers.items()},
+        **pose_sets.relative,
+    }
     found: set[Suspect] = set()
-    for pair, seen in snapshot.carried.tables.items():
-        if pair in pose_sets.sets and not stopped():
-            rows = find_suspects(
-                snapshot.carried.readings(pair), pose_sets.sets[pair], stopped=stopped
-            )
-            found.update(_suspects_among(snapshot.config, seen.some(np.array(rows, dtype=int))))
+    for pair in snapshot.carried.pairs:
+        if pair in covers and not stopped():
+            sources = snapshot.carried.sources(pair)
+            rows = find_suspects(snapshot.carried.readings(pair), covers[pair], stopped=stopped)
+            found.update(_suspect(*sources[row]) for row in rows)
     return tuple(sorted(found))
 
 
-def _suspects_among(config: FleetConfig, seen: Table) -> Iterator[Suspect]:
-    """Yield observations as suspects."""
-    measured = {
-        LinkKind.BEARING: seen.errors_rad < NO_RAY_RAD,
-        LinkKind.RANGE: (seen.lower_m > 0.0) | (seen.upper_m < math.inf),
-        LinkKind.RANGE_DIFFERENCE: seen.most_m < math.inf,
-    }
-    for row, (ends, stamp_s) in enumerate(zip(seen.ends, seen.stamps_s.tolist(), strict=True)):
-        kinds = tuple(kind for kind, is_so in measured.items() if is_so[row])
-        observer, target = (config.points[end] for end in ends)
-        yield Suspect(SuspectKind.OBSERVATION, observer, target, kinds, stamp_s)
+def _suspect(observer: str, target: str, observation: Observation) -> Suspect:
+    """Return an observation as a suspect."""
+    measures = []
+    if observation.direction is not None:
+        measures.append(LinkKind.BEARING)
+    if observation.has_distance:
+        measures.append(LinkKind.RANGE)
+    if observation.most_m < math.inf:
+        measures.append(LinkKind.RANGE_DIFFERENCE)
+    return Suspect(SuspectKind.OBSERVATION, observer, target, tuple(measures), observation.stamp_s)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from dg_localization.fleet.best_point.best_point import BestPoint, BestPointFinder
 from dg_localization.fleet.bodies import AnchorGeometry
 from dg_localization.fleet.constraints.constrain import Constraints
-from dg_localization.fleet.estimate import FrameKind, Placement, spread_out
+from dg_localization.fleet.estimate import FrameKind, Placement
 from dg_localization.fleet.frames.enclosure import Encloser, MirrorImage, Placed
 from dg_localization.fleet.frames.finders import finder_of
 from dg_localization.fleet.frames.headings import (
@@ -213,10 +213,15 @@ class Placer:
         # The rows after those are sensors.
         landmarks = slice(n_robots, n_robots + len(self._config.landmarks))
         points = list(self._plan.points)
-        positions = spread_out(n_points, points, best.positions_m)
+        positions = np.full((n_points, self._config.dimension), np.nan)
+        positions[points] = best.positions_m
         boxes = np.empty((n_points, 2, self._config.dimension))
         boxes[:, 0], boxes[:, 1] = -np.inf, np.inf
         boxes[points, 0], boxes[points, 1] = enclosure.lower, enclosure.upper
+        covariances = np.full((n_points, 6, 6), np.nan)
+        covariances[points] = best.covariances
+        fitted_yaws = np.full(n_points, np.nan)
+        fitted_yaws[points] = best.fitted_yaws_rad()
         orientations = np.full((n_robots, 4), np.nan)
         half_widths = np.full(n_robots, np.pi)
         for point, heading in headings.items():
@@ -242,8 +247,8 @@ class Placer:
             lower_m=apart[0, :n_robots, :n_robots],
             upper_m=apart[1, :n_robots, :n_robots],
             dropped=tuple(sorted(self._dropped)),
-            covariances=spread_out(n_points, points, best.covariances)[:n_robots],
-            fitted_yaws_rad=spread_out(n_points, points, best.fitted_yaws_rad())[:n_robots],
+            covariances=covariances[:n_robots],
+            fitted_yaws_rad=fitted_yaws[:n_robots],
         )
 
 

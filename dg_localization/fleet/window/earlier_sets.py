@@ -21,7 +21,7 @@ import math
 
 import numpy as np
 
-from dg_localization.fleet.best_point.likely_poses import LikelyPose
+from dg_localization.fleet.best_point.stated_way import LikelyPose
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.window.forgetting import Doubts, Forgotten
