@@ -64,8 +64,8 @@ class Hypothesis:
         Its boxes, lower and upper bounds in m^2.
     positions : ndarray, shape (n, q), or None
         One placement in m, as good as could be found; None when none could be computed. It is
-        sought when it, `proved` or `flexible` is first asked for, and for no longer than the call
-        could take.
+        sought when it, `proved` or `flexible` is first asked for, which may take as long as the
+        call could, and not long after the call was cancelled.
     proved : bool
         Whether `positions` meets every constraint of the problem and lies in a box of the
         hypothesis, checked with outward rounding. Exact distances are met by no coordinates in

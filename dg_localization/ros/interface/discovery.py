@@ -15,6 +15,7 @@ from dg_localization.ros.interface.links import (
     ANY_NAME,
     ANY_OBSERVER,
     KINDS,
+    STRANGERS,
     Link,
     check_topic,
     stated_offset,
@@ -195,9 +196,9 @@ class TopicFinder:
             if others and not is_unknown:
                 self.wrong_types[link] = others
             if link.type_name in type_names and topic not in self._found:
-                # Every name is kept in the counts: of no more strangers than points of the fleet.
+                # Every name is kept in the counts, so there is a limit to strangers.
                 self._n_unknown += is_unknown
-                if not is_unknown or self._n_unknown <= len(self._points):
+                if not is_unknown or self._n_unknown <= max(STRANGERS, len(self._points)):
                     self._found.add(topic)
                     yield link
 

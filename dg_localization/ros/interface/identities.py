@@ -8,7 +8,7 @@ import re
 from typing import Any
 
 from dg_localization.fleet import InputState, LinkKey
-from dg_localization.ros.interface.links import ANY_OBSERVER, Link
+from dg_localization.ros.interface.links import ANY_OBSERVER, STRANGERS, Link
 from dg_localization.ros.interface.parameters.spec import refused
 from msg_adapters import CameraReading, IdentifiedReading, PixelReading
 
@@ -64,8 +64,8 @@ class Identities:
 
     def __init__(self, table: Mapping[str, str], points: Iterable[str]) -> None:
         self._names = {point: point for point in points}
-        # Every name is kept: there are no more strangers than points of the fleet.
-        self._most_unknown = len(self._names)
+        # Every name is kept, so there is a limit to strangers.
+        self._most_unknown = max(STRANGERS, len(self._names))
         self._names |= table
         self._unknown: set[str] = set()
 
@@ -109,6 +109,8 @@ class Cameras:
 
     def keep(self, link: Link, camera: CameraReading, now_s: float) -> None:
         """Keep one camera matrix."""
+        # Of two topics with one frame, the newest matrix counts: it comes last.
+        self._cameras.pop(link, None)
         self._cameras[link] = camera
         count, _ = self._arrivals.get(link.key, (0, now_s))
         self._arrivals[link.key] = count + 1, now_s

@@ -40,6 +40,8 @@ NAMELESS = {PeersReading, PixelReading}
 
 # Stands for the observer in a link whose messages say who measured.
 ANY_OBSERVER = '*'
+# So many topics and ids that nothing names are shown, and as many as the fleet has points.
+STRANGERS = 16
 ANY_NAME = '[A-Za-z][A-Za-z0-9_]*'
 
 # How the sensor of peers is turned in the body of its robot.

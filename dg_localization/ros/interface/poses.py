@@ -187,8 +187,7 @@ def transforms(
             continue
         position_m, rotation = pose.position_xyz, rotation_of_quaternion(pose.orientation_xyzw)
         if track and track[-1].frame:
-            max_gap_s = motion.config.odometry_error_of(robot).max_gap_s
-            body = _body_at(track, pose.stamp_s, max_gap_s)
+            body = _body_at(track, pose.stamp_s)
             if body is None:
                 continue
             body_m, turn = body
@@ -202,23 +201,24 @@ def transforms(
     return tuple(found)
 
 
-def _body_at(
-    track: Track, stamp_s: float, max_gap_s: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """
-    Return position and rotation of a body in its odometry frame, None where that ends.
+CARRIED_S = 0.2
+"""How far odometry is carried on beyond its last pose, at the speed it had."""
 
-    Odometry is carried on by one of its periods, at the speed it had. Where messages are missing a
-    robot may have been anywhere.
-    """
-    if len(track) < 2:
+LONGEST_GAP_S = 0.5
+"""Between poses that are farther apart a robot may have been anywhere."""
+
+
+def _body_at(
+    track: Track, stamp_s: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Return position and rotation of a body in its odometry frame, None where that ends."""
+    if len(track) < 2 or not track[0].stamp_s <= stamp_s <= track[-1].stamp_s + CARRIED_S:
         return None
     after = bisect_left(track, stamp_s, 1, len(track) - 1, key=lambda reading: reading.stamp_s)
     a, b = track[after - 1], track[after]
-    period_s = b.stamp_s - a.stamp_s
-    fraction = (stamp_s - a.stamp_s) / period_s
-    if not 0.0 <= fraction <= 2.0 or period_s > max_gap_s or a.restarted_s != b.restarted_s:
+    if b.stamp_s - a.stamp_s > LONGEST_GAP_S or a.restarted_s != b.restarted_s:
         return None
+    fraction = (stamp_s - a.stamp_s) / (b.stamp_s - a.stamp_s)
     start_m, end_m = a.position_in_frame_m, b.position_in_frame_m
     turn = quaternion_of(a.rotation.T @ b.rotation)
     sine = float(np.linalg.norm(turn[:3]))

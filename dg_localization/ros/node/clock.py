@@ -14,6 +14,9 @@ from dg_localization.ros.interface.diagnostics import TOLERATED_RATE
 PERIODS = round(1.0 / (1.0 - TOLERATED_RATE))
 """In so many periods the rate is tolerated still where one event is missing."""
 
+WINDOW_S = 5.0
+"""A rate is that of the last seconds at least: one late event in them is no lower rate."""
+
 LEAST_SET_BACK_S = 0.001
 """A clock may be set back by less unnoticed: clocks of a machine do not run exactly alike."""
 
@@ -146,7 +149,8 @@ class RateMeter:
 
     def __init__(self, wanted_hz: float) -> None:
         self._period_s = 1.0 / wanted_hz
-        self._times_s: deque[float] = deque(maxlen=1 + PERIODS)
+        n_steps = max(PERIODS, math.ceil(WINDOW_S * wanted_hz))
+        self._times_s: deque[float] = deque(maxlen=1 + n_steps)
 
     def count(self, now_s: float) -> None:
         """Count an event."""

@@ -83,7 +83,6 @@ class LocalizerNode(ManagedNode):
 
     _outputs: Publishers
     _worker: EstimateWorker[TimedEstimate]
-    _warm_up_began_s: float
 
     def __init__(
         self,
@@ -128,9 +127,9 @@ class LocalizerNode(ManagedNode):
         made.callback(self._outputs.destroy)
         answer_ready = self.create_guard_condition(self._on_answer)
         made.callback(self.destroy_guard_condition, answer_ready)
-        self._warm_up_began_s = time.monotonic()
+        on_warm = partial(self._on_warm, time.monotonic())
         self._worker = EstimateWorker(self._answer, answer_ready.trigger, self._load)
-        self._worker.warm_up.add_done_callback(self._on_warm)
+        self._worker.warm_up.add_done_callback(on_warm)
         made.callback(self._worker.close)
         for warning in solver_warnings():
             self.get_logger().warning(warning)
@@ -228,9 +227,9 @@ class LocalizerNode(ManagedNode):
     def _with_messages(self, estimate: Estimate) -> TimedEstimate:
         return TimedEstimate(estimate, tuple(estimate_messages(estimate, self.settings)))
 
-    def _on_warm(self, warm_up: Future[Any]) -> None:
+    def _on_warm(self, began_s: float, warm_up: Future[Any]) -> None:
         """Log how long the solver took to be ready; in the thread of the worker."""
-        took_s = time.monotonic() - self._warm_up_began_s
+        took_s = time.monotonic() - began_s
         error = warm_up.exception()
         if error is None:
             self.get_logger().info(f'the solver is ready after {took_s:.1f} s')
@@ -298,7 +297,7 @@ class LocalizerNode(ManagedNode):
         """Look after the worker, the clock and the graph, and publish the diagnostics."""
         if self._state == 'active':
             self._now_s()
-            if self._worker.busy_s > self._longest_estimate_s + worker.PATIENCE_S:
+            if self._worker.busy_s > worker.patience_s(self._longest_estimate_s):
                 self._give_up_estimate()
         diagnostics = self._diagnose()
         if self._state in ('inactive', 'active') and not self._worker.warm_up.done():

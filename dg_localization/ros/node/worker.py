@@ -22,8 +22,14 @@ CLOSE_S = 2.0
 # The solver uses every processor, in threads that inherit the priority of this one. Without this,
 # messages wait for a turn among them and are lost (benchmarks/notes/reliability.md).
 NICENESS = 5
-# An estimate that takes so much longer than its limits allow may never end.
-PATIENCE_S = 10.0
+# An estimate that takes so many times its limits, and at least so long, may never end: solves,
+# memories and explanations are limited one by one.
+PATIENCE, PATIENCE_S = 5.0, 10.0
+
+
+def patience_s(limits_s: float) -> float:
+    """Return after which time an estimate of some limits is given up, in s."""
+    return max(PATIENCE * limits_s, PATIENCE_S)
 
 
 class EstimateWorker(Generic[A]):

@@ -38,6 +38,10 @@ MOST_NUMBERS = 10**6
 MOST_PIVOTS = 60
 """Placements are laid out by the chains from this many points to all."""
 
+MOST_RANKED = 150
+"""Up to this size the rank of a placement is computed, which takes their cube of time; larger
+pieces count as flexible where their patches do not hold them together."""
+
 
 class ChainedHypothesis(LazyHypothesis):
     """
@@ -177,16 +181,14 @@ class PatchAnswers:
     def _anywhere(self) -> tuple[FloatArray | None, Placement]:
         """A placement laid out by chains, and one with any hypotheses of the patches."""
         stopped = self._budget.new_clock()
-        found: Placement = (None, False)
+        nothing: Placement = (None, False)
         if stopped():
-            return None, found
+            return None, nothing
         pivots, lengths_m = self._chains.pivot_lengths_m(MOST_PIVOTS, stopped)
         if not lengths_m.max() ** 2 < LARGEST_M2:
-            return None, found
+            return None, nothing
         start = scaled(lengths_m, pivots, self._problem.dimension)
-        with until(stopped):
-            found = self._placement(start, stopped)
-        return start, found
+        return start, self._placement(start, stopped)
 
     def _placement(self, start: FloatArray, stopped: Callable[[], bool]) -> Placement:
         """Return a placement with any hypotheses of the patches, and whether it is proved."""
@@ -195,10 +197,14 @@ class PatchAnswers:
         # Known pairs give the shape; what has to agree are the measured ones.
         positions = refined(start, *known, 0.0, stopped, QUICK)
         positions = refined(positions, *measured, MARGIN, stopped)
-        positions, proved = self._settled(positions)
-        if proved or stopped():
-            return positions, proved
-        return self._settled(sought(positions, *measured, stopped))
+        proved = False
+        with until(stopped):
+            positions, proved = self._settled(positions)
+        if not proved and not stopped():
+            positions = sought(positions, *measured, stopped)
+            with until(stopped):
+                positions, proved = self._settled(positions)
+        return positions, proved
 
     def _settled(self, positions: FloatArray) -> tuple[FloatArray, bool]:
         """Return a placement with the chirality that is known, and whether it is proved."""
@@ -221,7 +227,7 @@ class PatchAnswers:
         if solved.is_one_body and not any(h.flexible for h in patches):
             # Rigid patches that hold together are rigid as a whole.
             return False
-        if solved.n_unsolved > 0:
+        if solved.n_unsolved > 0 or self._problem.n_points > MOST_RANKED:
             return True
         return self._is_flexible
 
@@ -229,11 +235,9 @@ class PatchAnswers:
     def _is_flexible(self) -> bool:
         """Whether the placement of all patches is flexible, or was not proved in time."""
         positions, proved = self._anywhere[1]
-        flexible = True
-        if positions is not None and proved:
-            with until(self._budget.new_clock()):
-                flexible = is_flexible(positions, np.isfinite(self._problem.upper))
-        return flexible
+        if positions is None or not proved:
+            return True
+        return is_flexible(positions, np.isfinite(self._problem.upper))
 
     def _chosen(self, choice: Mapping[int, int]) -> Bounds:
         """Return the bounds of the known pairs for a choice of hypotheses."""

@@ -39,8 +39,8 @@ from dg_localization.ros.interface.parameters.table import POINTS, TABLE, fields
 from dg_localization.ros.interface.poses import check_frame_id
 from dg_localization.solver.options import SolverOptions
 
-# For how many periods an answer counts as new, if not for as long as measurements do.
-LIFETIME_PERIODS = 3.0
+# For how many periods an answer counts as new, and for how many seconds at least.
+LIFETIME_PERIODS, LIFETIME_S = 3.0, 1.0
 
 # How wide the comments in a file of parameters are.
 WIDTH = 98
@@ -105,7 +105,7 @@ class Settings:
     @property
     def lifetime_s(self) -> float:
         """How long an answer counts as new, in s."""
-        return max(self.fleet.max_age_s, LIFETIME_PERIODS / self.rate_hz)
+        return max(LIFETIME_S, LIFETIME_PERIODS / self.rate_hz)
 
 
 def declare_settings(node: Node) -> Settings:
