@@ -832,13 +832,18 @@ FLEET = [
     ),
     *_in(
         'fleet',
-        'frames/headings',
+        'rotations',
         ('test/fleet/test_headings.py',),
         (
             'the half width of a heading leaves out one side',
-            'half_width_rad = angle_up(max(yaw - low, high - yaw))',
-            'half_width_rad = angle_up(min(yaw - low, high - yaw))',
+            'angle_up(half_rad + abs(off_rad))',
+            'angle_up(half_rad - abs(off_rad))',
         ),
+    ),
+    *_in(
+        'fleet',
+        'frames/headings',
+        ('test/fleet/test_headings.py',),
         (
             'the spread of the directions is forgotten in a heading',
             'widths = angle_up(spreads + np.array([ray.half_width_rad for ray in rays]))',
@@ -1180,7 +1185,7 @@ FLEET = [
         ('test/fleet/test_memory_ends.py',),
         (
             'a memory that contradicts itself contradicts the moment',
-            'if found.verdict is Verdict.INFEASIBLE and recalled.pose_sets.any:',
+            'if found.verdict is Verdict.INFEASIBLE and recalled.pose_sets.sets:',
             'if found.verdict is Verdict.INFEASIBLE and recalled.pose_sets.covers:',
         ),
     ),

@@ -33,11 +33,16 @@ def keep(settings: object, **values: object) -> None:
 
 
 def keep_numbers(settings: object, prefix: str, limits: Mapping[str, Mapping[str, Any]]) -> None:
-    """Keep fields as floats within limits; None stays where that is the default."""
+    """
+    Keep fields as numbers within limits, as integers where the default is one.
+
+    None stays where that is the default.
+    """
     for name, within in limits.items():
-        value = getattr(settings, name)
-        if value is not None or getattr(type(settings), name, 0.0) is not None:
-            keep(settings, **{name: require_number(f'{prefix}{name}', value, **within)})
+        value, default = getattr(settings, name), getattr(type(settings), name, 0.0)
+        if value is not None or default is not None:
+            required = require_integer if isinstance(default, int) else require_number
+            keep(settings, **{name: required(f'{prefix}{name}', value, **within)})
 
 
 def require_number(
@@ -82,11 +87,11 @@ def require_coordinates(name: str, values: object) -> tuple[float, ...]:
     return tuple(require_number(name, v, at_least=-most_m, at_most=most_m) for v in listed)
 
 
-def require_integer(name: str, value: object, at_least: int) -> int:
+def require_integer(name: str, value: object, *, at_least: float) -> int:
     """Return `value` as an int; raise `ConfigError` unless it is one of at least `at_least`."""
     if is_whole(value) and value >= at_least:
         return int(value)
-    raise not_allowed(name, value, f'it must be an integer >= {at_least}')
+    raise not_allowed(name, value, f'it must be an integer >= {at_least:g}')
 
 
 def require_kind(name: str, value: object, kind: type) -> None:

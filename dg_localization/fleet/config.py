@@ -21,7 +21,6 @@ from dg_localization.fleet.checks import (
     keep,
     keep_numbers,
     not_allowed,
-    require_integer,
     require_kind,
     require_mapping,
     require_members,
@@ -69,14 +68,12 @@ LIMITS: Mapping[str, Mapping[str, Any]] = {
     'min_separation_m': NOT_NEGATIVE,
     'max_conflict_seconds': ANY_TIME,
     'memory_max_seconds': ANY_TIME,
-}
-LEAST_COUNTS = {
-    'max_repeats': 1,
-    'max_hypotheses': 1,
-    'max_outliers': 0,
-    'window_outliers': 0,
-    'stuck_readings': 0,
-    'max_conflict_solves': 0,
+    'max_repeats': {'at_least': 1},
+    'max_hypotheses': {'at_least': 1},
+    'max_outliers': NOT_NEGATIVE,
+    'window_outliers': NOT_NEGATIVE,
+    'stuck_readings': NOT_NEGATIVE,
+    'max_conflict_solves': NOT_NEGATIVE,
 }
 
 
@@ -262,8 +259,6 @@ class FleetConfig:
         keep(self, dimension=int(self.dimension))
         keep_numbers(self, '', LIMITS)
         keep(self, **vars(self.sensor_bounds))
-        for name, least in LEAST_COUNTS.items():
-            keep(self, **{name: require_integer(name, getattr(self, name), least)})
         if 0.0 < self.memory_s < LEAST_MEMORY_S:
             wanted = f'it must be 0, which remembers nothing, or >= {LEAST_MEMORY_S:g}'
             raise not_allowed('memory_s', self.memory_s, wanted)

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
@@ -179,6 +179,13 @@ class Placement:
             )
             orientations[robot] = quaternion_of_yaw(yaw_rad)
         return orientations, half_widths
+
+
+def spread_out(count: int, rows: Sequence[int], values: np.ndarray) -> np.ndarray:
+    """Return an array of `count` rows, some of which are given; the others are NaN."""
+    everything = np.full((count, *values.shape[1:]), np.nan)
+    everything[rows] = values
+    return everything
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,9 @@ import time
 from typing import Any
 
 from dg_localization import SolverOptions
-from dg_localization.fleet.answers import Answer, answer_of, open_remedies, would_fix
+from dg_localization.fleet.answers import Answer, Part, answer_of, open_remedies, would_fix
 from dg_localization.fleet.best_point.stated_way import carried_on
+from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.constraints.constrain import Constraints, constrain
 from dg_localization.fleet.contradictions.explanation import (
     corrected,
@@ -59,7 +60,7 @@ def estimate_snapshot(
         if contradiction is not None:
             return contradiction, ()
     snapshot, by_memory = recalled.snapshot, recalled.forgotten
-    if not snapshot.keys and not (recalled.pose_sets.any and snapshot.odometry_is_young):
+    if not snapshot.keys and not (recalled.pose_sets.sets and snapshot.odometry_is_young):
         return _without_data(snapshot, recalled), ()
     in_window = suspects_in_window(snapshot, recalled.pose_sets, recalled.allowance.part(2))
     recalled_s = time.perf_counter()
@@ -69,7 +70,7 @@ def estimate_snapshot(
     constraints = constrain(snapshot, recalled.replaced, remembered)
     options = _solver_options(snapshot, recalled)
     found, plans = _solve(snapshot, constraints, options, cancel=cancel)
-    if found.verdict is Verdict.INFEASIBLE and recalled.pose_sets.any:
+    if found.verdict is Verdict.INFEASIBLE and recalled.pose_sets.sets:
         recalled = recalled.without_pose_sets()
         if not snapshot.keys:
             return _without_data(snapshot, recalled), ()
@@ -81,20 +82,14 @@ def estimate_snapshot(
         forgotten = (*by_memory, *estimate.forgotten)
         return replace(estimate, suspects_in_window=in_window, forgotten=forgotten), ()
     solved_s = time.perf_counter()
-    parts: list[Answer | Group] = [found, *found.groups]
-    alone = [
-        plan
-        for plan, part in zip((plans.main, *plans.others), parts, strict=True)
-        if plan is not None and part.n_hypotheses == 1
-    ]
+    alone = [part.plan for part in found.parts if part.n_hypotheses == 1]
     refit = partial(fit_with_past, snapshot, constraints, alone)
-    narrowed = narrow_answer(found, plans, recalled, refit)
-    found_now = narrowed.answer
-    if found_now is found and plans.main is not None and len(found.placements) == 1:
-        fitted = refit(plans.main, found.placements[0])
-        found_now = replace(found, placements=(fitted,))
+    narrowed = narrow_answer(found, recalled, refit)
+    found_now, main = narrowed.answer, found.main
+    if found_now is found and main is not None and len(main.placements) == 1:
+        found_now = replace(found, main=main.leaving((refit(main.plan, main.placements[0]),)))
     if earlier is not None:
-        found_now = _with_likely_poses(snapshot, found_now, plans, earlier)
+        found_now = _with_likely_poses(snapshot, found_now, earlier)
     estimate = _answered(snapshot, found_now, [plans])
     doubts = [f'what {robot} remembers is in doubt' for robot in recalled.in_doubt]
     if estimate.misfits:
@@ -114,16 +109,16 @@ def estimate_snapshot(
     return estimate, narrowed.proved
 
 
-def _with_likely_poses(
-    snapshot: Snapshot, found: Answer, plans: Plans, earlier: EarlierSets
-) -> Answer:
+def _with_likely_poses(snapshot: Snapshot, found: Answer, earlier: EarlierSets) -> Answer:
     """Return an answer with the likely poses of its robots, and keep these for the next one."""
     kept, earlier.likely = earlier.likely, {}
-    by_anchors = plans.main is not None and plans.main.frame.kind is FrameKind.ANCHORS
-    if not by_anchors or snapshot.config.dimension != 2 or len(found.placements) != 1:
+    main = found.main
+    if main is None or snapshot.config.dimension != 2 or len(main.placements) != 1:
         return found
-    placement, earlier.likely = carried_on(snapshot, found.placements[0], kept)
-    return replace(found, placements=(placement,))
+    if main.plan.frame.kind is not FrameKind.ANCHORS:
+        return found
+    placement, earlier.likely = carried_on(snapshot, main.placements[0], kept)
+    return replace(found, main=main.leaving((placement,)))
 
 
 def _contradiction_of_moment(
@@ -218,48 +213,53 @@ def _answered(
 
     The plans are those of alternatives; all have the same frame, or none.
     """
-    config, main = snapshot.config, plans[0].main
+    config, main = snapshot.config, found.main
     apart: dict[str, Any] = {
         'groups': tuple(
-            replace(group, placements=group.placements[: config.max_hypotheses])
+            Group(
+                group.robots(config),
+                group.plan.frame,
+                group.placements[: config.max_hypotheses],
+                group.n_hypotheses,
+            )
             for group in found.groups
         ),
         'rigid_groups': found.rigidity.pieces,
         'would_fix': would_fix(config, found),
     }
     if main is None:
-        reason = '; '.join(filter(None, [plans[0].reason, *_open_texts(found)]))
+        reason = '; '.join(filter(None, [plans[0].reason, *_open_texts(config, found)]))
         return _estimate(snapshot, None, reason, **apart)
     return _estimate(
         snapshot,
         found.verdict,
-        _reason(snapshot, found, plans),
+        _reason(snapshot, found, main, plans),
         conflicts,
-        placements=found.placements[: config.max_hypotheses],
-        n_hypotheses=found.n_hypotheses,
+        placements=main.placements[: config.max_hypotheses],
+        n_hypotheses=main.n_hypotheses,
         statistics=found.statistics,
-        frame=main.frame,
+        frame=main.plan.frame,
         frame_doubt=plans[0].reason,
         **apart,
     )
 
 
-def _reason(snapshot: Snapshot, found: Answer, plans: Sequence[Plans]) -> str:
+def _reason(snapshot: Snapshot, found: Answer, main: Part, plans: Sequence[Plans]) -> str:
     """Return a sentence on what the placements are."""
-    config, count = snapshot.config, found.n_hypotheses
-    limit, *groups = _open_texts(found)
+    config, count = snapshot.config, main.n_hypotheses
+    limit, *groups = _open_texts(config, found)
     parts = ['1 placement' if count == 1 else f'{count} placements', limit]
     if count > config.max_hypotheses:
         parts.append(f'only {config.max_hypotheses} are listed (max_hypotheses)')
-    if any(placement.flexible for placement in found.placements):
+    if any(placement.flexible for placement in main.placements):
         parts.append('the fleet may still move without any measurement changing')
         parts += open_remedies(config, found)[:1]
-    dropped = sorted({str(key) for place in found.placements for key in place.dropped})
+    dropped = sorted({str(key) for place in main.placements for key in place.dropped})
     if dropped:
         parts.append(f'contradicting links are left out: {", ".join(dropped)}')
     parts.append(plans[0].reason)
     placed = {config.points[i] for one in plans if one.main is not None for i in one.main.points}
-    placed.update(robot for group in found.groups for robot in group.robots)
+    placed.update(robot for group in found.groups for robot in group.robots(config))
     lost = [robot for robot in config.robots if robot not in placed]
     if lost:
         parts.append(f'not connected: {", ".join(lost)}')
@@ -271,12 +271,12 @@ def _reason(snapshot: Snapshot, found: Answer, plans: Sequence[Plans]) -> str:
     return '; '.join([*filter(None, parts), *snapshot.warnings])
 
 
-def _open_texts(found: Answer) -> list[str]:
+def _open_texts(config: FleetConfig, found: Answer) -> list[str]:
     """Return what a limit left open, empty if nothing, and a text on each group apart."""
     is_open = found.verdict is Verdict.OUT_OF_BUDGET
     limit = 'the search stopped at its budget; what it left open is included' if is_open else ''
-    groups = [f'in a frame of their own: {", ".join(group.robots)}' for group in found.groups]
-    return [limit, *groups]
+    groups = (', '.join(group.robots(config)) for group in found.groups)
+    return [limit, *(f'in a frame of their own: {names}' for names in groups)]
 
 
 def _explained(
@@ -291,7 +291,8 @@ def _explained(
     blamed = observed.links_of(explanation.among.union(*explanation.conflicts))
     if found.answers:
         union = _union(found.answers, statistics)
-        blamed = blamed.union(*(placement.dropped for placement in union.placements))
+        mains = [answer.main for answer in found.answers if answer.main is not None]
+        blamed = blamed.union(*(place.dropped for main in mains for place in main.placements))
         estimate = _answered(snapshot, union, plans, conflicts)
         reason = estimate.reason + not_searched(snapshot.config, explanation)
         estimate = replace(estimate, reason=reason)
@@ -337,11 +338,12 @@ def _union(answers: list[Answer], statistics: Statistics) -> Answer:
     for found in answers:
         statistics += found.statistics
     verdicts = {found.verdict for found in answers}
+    mains = [found.main for found in answers if found.main is not None]
+    placements = tuple(place for main in mains for place in main.placements)
     return Answer(
         verdict=next(verdict for verdict in _WORST_FIRST if verdict in verdicts),
-        placements=tuple(place for found in answers for place in found.placements),
-        n_hypotheses=sum(found.n_hypotheses for found in answers),
         statistics=statistics,
+        main=Part(mains[0].plan, placements, sum(main.n_hypotheses for main in mains)),
         # Several ways to drop links may connect other robots: their frames are not the same.
         groups=answers[0].groups if len(answers) == 1 else (),
         rigidity=answers[0].rigidity if len(answers) == 1 else NOT_RIGID,

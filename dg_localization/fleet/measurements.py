@@ -50,11 +50,8 @@ from dg_localization.fleet.vocabulary import (
     Rejection,
     RejectionReason,
 )
-from dg_localization.fleet.window.memory import Memory
+from dg_localization.fleet.window.memory import MOST_OBSERVATIONS, Memory
 from dg_localization.interval.bounds import sum_down, sum_up
-
-MOST_LATER = 1000
-"""How many readings of an input are kept that are later than an answer may be."""
 
 CLOCK_STEP_S = 0.005
 """A `stamp_error_s` that stamps refute is replaced by the next multiple of this."""
@@ -96,7 +93,7 @@ class _Input:
         n_before = bisect_right(self.readings, answered_s, key=_STAMP_S)
         # While a clock stands still there is no end of them.
         n_later = len(self.readings) - n_before
-        del self.readings[: max(0, n_before - most, n_later - MOST_LATER)]
+        del self.readings[: max(0, n_before - most, n_later - MOST_OBSERVATIONS)]
 
 
 class MeasurementStore:

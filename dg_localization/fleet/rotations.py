@@ -48,14 +48,6 @@ def rotation_of_quaternion(quaternion_xyzw: ArrayLike) -> FloatArray:
     return matrices if matrices.ndim == 2 else matrices.transpose(2, 0, 1)
 
 
-def quaternion_product(first_xyzw: FloatArray, second_xyzw: FloatArray) -> FloatArray:
-    """Return the quaternion of the second rotation followed by the first, each of shape (4,)."""
-    first, a = first_xyzw[:3], first_xyzw[3]
-    second, b = second_xyzw[:3], second_xyzw[3]
-    vector = a * second + b * first + np.cross(first, second)
-    return np.array([*vector, a * b - first @ second])
-
-
 def rotation_angle_rad(rotation: np.ndarray) -> float:
     """Return the angle of a rotation matrix, in [0, pi]."""
     axis = np.array(

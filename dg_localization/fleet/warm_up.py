@@ -5,11 +5,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import cache
-from itertools import combinations, product
+from itertools import combinations, permutations
 import math
 from threading import Event, Thread
 import time
@@ -82,10 +82,16 @@ def _load_all() -> None:
     load_kernels()
     for dimension in (2, 3):
         _estimate_small_fleet(dimension)
-    for anchors in ({}, {'a': Anchor((0.0, 0.0)), 'b': Anchor((3.0, 0.0))}):
+    robots, landmarks = {'r': (0.0, 1.0), 's': (1.0, 1.0)}, {'a': (0.0, 0.0), 'b': (3.0, 0.0)}
+    for known in ({}, landmarks):
         for outliers in (0, 1):
-            _estimate_moving_fleet(anchors, outliers)
-    _estimate_followed_robot()
+            config = FleetConfig(tuple(robots), anchors=_anchors(known), window_outliers=outliers)
+            _estimate_in_time(config, {**robots, **known}, (0, 1, 2))
+    known = {'a': (0.0, 0.0), 'b': (5.0, 0.0), 'c': (0.0, 4.0)}
+    mounts = {'r': {'left': (0.0, 0.5), 'right': (0.0, -0.5)}}
+    config = FleetConfig(('r',), anchors=_anchors(known), mounts=mounts, memory_s=FOLLOWED_S)
+    points = {'r': (2.0, 1.0), 'r/left': (2.0, 1.5), 'r/right': (2.0, 0.5)}
+    _estimate_in_time(config, {**points, **known}, (3, 5, 7))
 
 
 def warm_up_status() -> str:
@@ -125,48 +131,30 @@ def _estimate_small_fleet(dimension: int) -> None:
     localizer.step(STAMP_S)
 
 
-def _estimate_moving_fleet(anchors: Mapping[str, Anchor], outliers: int) -> None:
-    """Estimate two robots with odometry from what they measured before they moved."""
-    robots = ('first', 'second')
-    config = FleetConfig(robots=robots, anchors=anchors, window_outliers=outliers)
+def _anchors(places_m: Mapping[str, tuple[float, float]]) -> dict[str, Anchor]:
+    return {name: Anchor(place_m) for name, place_m in places_m.items()}
+
+
+def _estimate_in_time(
+    config: FleetConfig, places_m: Mapping[str, tuple[float, float]], asked_s: Collection[int]
+) -> None:
+    """Estimate robots with odometry at some times, from all that points measure every second."""
     # Compiling takes longer than an answer may.
     localizer = Localizer(replace(config, memory_max_seconds=math.inf))
-    for tick in range(3):
-        now_s = STAMP_S + 0.5 * tick
-        for x_m, robot in enumerate(robots):
-            place_m = (float(x_m), 1.0 + 0.1 * tick, 0.0)
+    for age_s in range(max(asked_s) + 1):
+        now_s = STAMP_S + age_s
+        for robot in config.robots:
+            place_m = (*places_m[robot], 0.0)
             localizer.add_odometry(robot, place_m, (0.0, 0.0, 0.0, 1.0), now_s, now_s)
-            for name, anchor in anchors.items():
-                range_m = math.dist(place_m[:2], anchor.coordinates_m)
-                localizer.add_range(robot, name, range_m, now_s, now_s)
-        localizer.add_range(*robots, 1.0, now_s, now_s)
-        localizer.add_bearing(*robots, (1.0, 0.0, 0.0), now_s, now_s)
-        localizer.step(now_s)
-    # What contradicts itself is explained and forgotten.
-    localizer.add_range(*robots, 9.0, now_s, now_s)
-    localizer.step(now_s)
-
-
-def _estimate_followed_robot() -> None:
-    """Estimate a robot with sensors from an earlier set of its poses."""
-    places = {'a': (0.0, 0.0), 'b': (5.0, 0.0), 'c': (0.0, 4.0)}
-    points = {'r': (2.0, 1.0), 'r/left': (2.0, 1.5), 'r/right': (2.0, 0.5)}
-    config = FleetConfig(
-        robots=('r',),
-        anchors={name: Anchor(place) for name, place in places.items()},
-        mounts={'r': {'left': (0.0, 0.5), 'right': (0.0, -0.5)}},
-        memory_s=FOLLOWED_S,
-        memory_max_seconds=math.inf,
-    )
-    localizer = Localizer(config)
-    for second in range(int(FOLLOWED_S)):
-        now_s = STAMP_S + second
-        localizer.add_odometry('r', (*points['r'], 0.0), (0.0, 0.0, 0.0, 1.0), now_s, now_s)
-        for (point, own), (name, place) in product(points.items(), places.items()):
-            localizer.add_range(point, name, math.dist(own, place), now_s, now_s)
-        localizer.add_bearing('r', 'a', (-2.0, -1.0, 0.0), now_s, now_s)
-        if second in (3, 5, 7):
+        for (first, from_m), (other, to_m) in permutations(places_m.items(), 2):
+            localizer.add_range(first, other, math.dist(from_m, to_m), now_s, now_s)
+            localizer.add_bearing(first, other, (*np.subtract(to_m, from_m), 0.0), now_s, now_s)
+        if age_s in asked_s:
             localizer.step(now_s)
+    # What contradicts itself is explained and forgotten.
+    first, second, *_ = places_m
+    localizer.add_range(first, second, 9.0, now_s, now_s)
+    localizer.step(now_s)
 
 
 def _two_simplices_m(dimension: int) -> np.ndarray:

@@ -11,8 +11,8 @@ from dg_localization.calibration.odometry import fit_odometry, odometry_windows
 from dg_localization.calibration.truth import TrueTrack
 from dg_localization.fleet import OdometryErrorModel
 from dg_localization.fleet.rotations import (
+    quaternion_of_euler,
     quaternion_of_yaw,
-    quaternion_product,
     rotations_about_z,
 )
 
@@ -62,8 +62,7 @@ def test_in_the_plane_heights_of_the_truth_are_no_errors(height_m):
 def test_in_the_plane_tilt_of_the_truth_is_no_error(tilt_rad):
     """Markers that are mounted askew, or a ramp."""
     stamps, places, yaws = planar_drive()
-    pitch = np.array([0.0, np.sin(tilt_rad / 2.0), 0.0, np.cos(tilt_rad / 2.0)])
-    turns = [quaternion_product(yaw, pitch) for yaw in quaternions(yaws)]
+    turns = [quaternion_of_euler(0.0, tilt_rad, yaw) for yaw in yaws]
     truth = TrueTrack(stamps, places, turns)
     windows = odometry_windows(stamps, places, rotations_about_z(yaws), truth, dimension=2)
     assert exact(fit_odometry(windows, EXACT))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dg_localization.calibration.truth import TrueTrack, ray_errors_rad
-from dg_localization.fleet.rotations import quaternion_of_yaw, quaternion_product
+from dg_localization.fleet.rotations import quaternion_of_euler, quaternion_of_yaw
 
 
 def turned(yaws_rad):
@@ -65,8 +65,7 @@ def test_the_ends_are_known_to_a_stamp_that_is_rounded_otherwise(start_s, off_s)
 
 def pitched(yaw_rad, pitch_rad):
     """Return the quaternion of a body that pitches after it has turned."""
-    pitch = [0.0, math.sin(pitch_rad / 2.0), 0.0, math.cos(pitch_rad / 2.0)]
-    return quaternion_product(turned([yaw_rad])[0], np.array(pitch))
+    return quaternion_of_euler(0.0, pitch_rad, yaw_rad)
 
 
 @pytest.mark.parametrize('height_m', [1.2, math.nan])

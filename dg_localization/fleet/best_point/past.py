@@ -26,7 +26,7 @@ from dg_localization.fleet.best_point.terms import AT_ORIGIN, RANGE, RAY, STEP, 
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.rotations import best_rotation
 from dg_localization.fleet.snapshot import Snapshot
-from dg_localization.fleet.window.memory import Ends
+from dg_localization.fleet.window.memory import Ends, Table
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -244,9 +244,10 @@ def _readings(
     width, the bearing and its error, the arms of both ends, and the points observer and target;
     NaN is what was not measured. Range differences are left out: a term has two ends.
     """
-    config, arms, seen = snapshot.config, snapshot.mounts.arms_m, snapshot.carried.table()
-    if seen is None:
+    config, arms, tables = snapshot.config, snapshot.mounts.arms_m, snapshot.carried.tables
+    if not tables:
         return np.empty((0, 13))
+    seen = Table.joined(tables.values())
     fixed = config.anchors.keys() & solved.rows.keys()
     robots = [config.robot_of(point) for point in config.points]
     rows = [solved.rows[robot] if robot in ways or robot in fixed else -1 for robot in robots]

@@ -24,14 +24,13 @@ from dg_localization.fleet.contradictions.suspects import (
     Suspects,
     line_up,
 )
-from dg_localization.fleet.estimate import Group
 from dg_localization.fleet.frames.plan import Plans, plan_frames
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import Conflict, LinkKind
-from dg_localization.fleet.window.memory import WORLD, Observation
+from dg_localization.fleet.window.memory import Table
 from dg_localization.fleet.window.pose_sets import PoseSets
 from dg_localization.interval.arrays import Interval
-from dg_localization.poses import find_suspects
+from dg_localization.poses import NO_RAY_RAD, find_suspects
 from dg_localization.solver.options import Cancel
 from dg_localization.solver.result import Verdict
 from dg_localization.solver.solve import solve
@@ -260,8 +259,7 @@ def _is_proved(snapshot: Snapshot, found: Answer) -> bool:
     """Return whether it is proved that some placement agrees, or where that is never proved."""
     if any(mount.bound_m == 0.0 for mount in snapshot.config.sensors.values()):
         return True
-    parts: list[Answer | Group] = [found, *found.groups]
-    return all(any(placement.proved for placement in part.placements) for part in parts)
+    return all(any(placement.proved for placement in part.placements) for part in found.parts)
 
 
 def suspects_of(observed: Observations, explanation: Explanation) -> tuple[Suspect, ...]:
@@ -341,26 +339,24 @@ def suspects_in_window(
     """
     if not snapshot.config.window_outliers:
         return ()
-    covers = {
-        **{(WORLD, robot): cover for robot, cover in pose_sets.covers.items()},
-        **pose_sets.relative,
-    }
     found: set[Suspect] = set()
-    for pair in snapshot.carried.pairs:
-        if pair in covers and not stopped():
-            sources = snapshot.carried.sources(pair)
-            rows = find_suspects(snapshot.carried.readings(pair), covers[pair], stopped=stopped)
-            found.update(_suspect(*sources[row]) for row in rows)
+    for pair, seen in snapshot.carried.tables.items():
+        if pair in pose_sets.sets and not stopped():
+            rows = find_suspects(
+                snapshot.carried.readings(pair), pose_sets.sets[pair], stopped=stopped
+            )
+            found.update(_suspects_among(snapshot.config, seen.some(np.array(rows, dtype=int))))
     return tuple(sorted(found))
 
 
-def _suspect(observer: str, target: str, observation: Observation) -> Suspect:
-    """Return an observation as a suspect."""
-    measures = []
-    if observation.direction is not None:
-        measures.append(LinkKind.BEARING)
-    if observation.has_distance:
-        measures.append(LinkKind.RANGE)
-    if observation.most_m < math.inf:
-        measures.append(LinkKind.RANGE_DIFFERENCE)
-    return Suspect(SuspectKind.OBSERVATION, observer, target, tuple(measures), observation.stamp_s)
+def _suspects_among(config: FleetConfig, seen: Table) -> Iterator[Suspect]:
+    """Yield observations as suspects."""
+    measured = {
+        LinkKind.BEARING: seen.errors_rad < NO_RAY_RAD,
+        LinkKind.RANGE: (seen.lower_m > 0.0) | (seen.upper_m < math.inf),
+        LinkKind.RANGE_DIFFERENCE: seen.most_m < math.inf,
+    }
+    for row, (ends, stamp_s) in enumerate(zip(seen.ends, seen.stamps_s.tolist(), strict=True)):
+        kinds = tuple(kind for kind, is_so in measured.items() if is_so[row])
+        observer, target = (config.points[end] for end in ends)
+        yield Suspect(SuspectKind.OBSERVATION, observer, target, kinds, stamp_s)

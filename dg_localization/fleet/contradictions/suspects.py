@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TypeAlias
@@ -231,14 +230,9 @@ class Record:
     """The contradictions of the last `RECORD_S`."""
 
     def __init__(self) -> None:
-        self._entries: list[tuple[float, frozenset[Suspect]]] = []
+        # Never changed in place: a copy of a record shares it.
+        self._entries: tuple[tuple[float, frozenset[Suspect]], ...] = ()
         self._noted: frozenset[Suspect] = frozenset()
-
-    def copied(self) -> Record:
-        """Return one with the same entries."""
-        other = copy(self)
-        other._entries = list(self._entries)
-        return other
 
     def add(
         self,
@@ -250,18 +244,16 @@ class Record:
         """Note whom an estimate made suspect, with observations of its window."""
         if self._entries and stamp_s < self._entries[-1][0]:
             # Time has jumped back: what was noted is of another time.
-            self._entries.clear()
-            self._noted = frozenset()
+            self._entries, self._noted = (), frozenset()
         fresh = frozenset(in_window) - self._noted
         # They may be missing from an estimate in between that had no time to look for them.
         oldest_s = stamp_s - max(RECORD_S, memory_s)
         self._noted = frozenset(one for one in self._noted | fresh if one.stamp_s > oldest_s)
         suspected = frozenset(sensors) | {observation.sensor for observation in fresh}
-        if suspected:
-            self._entries.append((stamp_s, suspected))
-        self._entries = [
-            entry for entry in self._entries if stamp_s - RECORD_S < entry[0] <= stamp_s
-        ]
+        entries = (*self._entries, (stamp_s, suspected)) if suspected else self._entries
+        self._entries = tuple(
+            entry for entry in entries if stamp_s - RECORD_S < entry[0] <= stamp_s
+        )
 
     def offenders(self) -> tuple[Offender, ...]:
         """Return who was among the suspects, those that were most often first."""

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 import math
 
@@ -25,7 +25,7 @@ from dg_localization.fleet.best_point.terms import (
     Terms,
 )
 from dg_localization.fleet.constraints.constrain import Constraints
-from dg_localization.fleet.estimate import FrameKind, Placement
+from dg_localization.fleet.estimate import FrameKind, Placement, spread_out
 from dg_localization.fleet.frames.plan import FramePlan
 from dg_localization.fleet.rotations import yaw_of
 from dg_localization.fleet.snapshot import Snapshot
@@ -49,14 +49,8 @@ def finder_of(
         for point, arm_m in snapshot.mounts.arms_m.items()
         if point in rows
     ]
-    terms = list(_terms_of(snapshot, solved, dropped, anchors_of(snapshot, plan)))
+    terms = list(_terms_of(snapshot, solved, plan, dropped))
     return BestPointFinder(solved.problem(), terms, plan.held, sensors)
-
-
-def anchors_of(snapshot: Snapshot, plan: FramePlan) -> dict[int, Interval]:
-    """Return the coordinates of the anchors by row, where these give the frame."""
-    by_anchors = plan.frame.kind is FrameKind.ANCHORS
-    return plan.by_row(snapshot.anchors.boxes) if by_anchors else {}
 
 
 def fit_with_past(
@@ -93,7 +87,7 @@ def fit_with_past(
     if among and np.any(among[0] > among[1]):
         return placement
     in_past = frozenset(key for key in snapshot.keys if key.ends in past.ends)
-    beside = Terms.of([*_terms_of(snapshot, solved, in_past, anchors_of(snapshot, plan))])
+    beside = Terms.of([*_terms_of(snapshot, solved, plan, in_past)])
     past = replace(past, terms=Terms.joined([beside, past.terms]))
     places_m, boxes_m = _places_of_all(snapshot, placement)
     enclosure = Interval(boxes_m[points, 0], boxes_m[points, 1])
@@ -102,10 +96,8 @@ def fit_with_past(
     if is_another or math.isinf(best.cost):
         return placement
     places_m[points] = best.positions_m
-    covariances = np.full((len(places_m), 6, 6), np.nan)
-    covariances[points] = best.covariances
-    fitted_yaws_rad = np.full(len(places_m), np.nan)
-    fitted_yaws_rad[points] = best.fitted_yaws_rad()
+    covariances = spread_out(len(places_m), points, best.covariances)
+    fitted_yaws_rad = spread_out(len(places_m), points, best.fitted_yaws_rad())
     if placement.covariances is not None:
         for robot in np.flatnonzero(np.isnan(fitted_yaws_rad[:n_robots])):
             covariances[robot, 3:] = placement.covariances[robot, 3:]
@@ -181,14 +173,10 @@ def _squared_bounds(
 def _terms_of(
     snapshot: Snapshot,
     solved: Constraints,
+    plan: FramePlan,
     dropped: frozenset[LinkKey],
-    anchors: Mapping[int, Interval],
 ) -> Iterator[Term]:
-    """
-    Yield a term for each reading of a snapshot that counts, between the points of `solved`.
-
-    `anchors` are the coordinates of the anchors by row, where these give the frame.
-    """
+    """Yield a term for each reading of a snapshot that counts, between the points of `solved`."""
     rows = solved.rows
     config, arms_m = snapshot.config, snapshot.mounts.arms_m
 
@@ -212,7 +200,8 @@ def _terms_of(
             if row != target and ray.half_width_rad < math.pi:
                 direction = _turned_back(ray.direction, ray.expected_error_rad)
                 yield Term(RAY, row, target, direction, ray.half_width_rad, arm_m, target_arm_m)
-    for row, box in anchors.items():
+    by_anchors = plan.frame.kind is FrameKind.ANCHORS
+    for row, box in (plan.by_row(snapshot.anchors.boxes) if by_anchors else {}).items():
         if (box.lower < box.upper).any():
             place_m = 0.5 * (box.lower + box.upper)
             half_width_m = 0.5 * float((box.upper - box.lower).max())

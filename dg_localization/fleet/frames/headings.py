@@ -34,16 +34,13 @@ from dg_localization.fleet.rotations import (
 )
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import RayReading
+from dg_localization.fleet.window.proved import intersect_arcs
 from dg_localization.interval.angles import angle_down, angle_up, arcsine_up
 from dg_localization.interval.arrays import Interval, up
 from dg_localization.poses import NO_RAY_RAD, Cover, PairOptions, cover_poses
 from dg_localization.solver.result import Hypothesis
 
 FloatArray = NDArray[np.float64]
-
-
-MOST_COVERS = 16
-"""How many sets of poses are searched at most for the hypotheses of one problem."""
 
 
 class NoHeadingError(ValueError):
@@ -119,12 +116,18 @@ def heading_within(
 
     The arc goes counterclockwise from the first to the second.
     """
+    within = heading_in_arc(arc_rad, math.atan2(rotation[1, 0], rotation[0, 0]))
     half_arc_rad = 0.5 * (arc_rad[1] - arc_rad[0])
-    if half_arc_rad >= math.pi or (heading and heading.half_width_rad <= half_arc_rad):
-        return heading
+    is_narrower = heading is None or heading.half_width_rad > half_arc_rad
+    return within if is_narrower and half_arc_rad < math.pi else heading
+
+
+def heading_in_arc(arc_rad: Sequence[float], fitted_rad: float | None = None) -> Heading:
+    """Return the heading in an arc that is nearest to one, or its middle."""
     middle_rad = 0.5 * (arc_rad[0] + arc_rad[1])
-    fitted_rad = math.atan2(rotation[1, 0], rotation[0, 0])
-    yaw_rad, half_width_rad = nearest_in_arc(fitted_rad, middle_rad, half_arc_rad)
+    half_rad = angle_up(max(arc_rad[1] - middle_rad, middle_rad - arc_rad[0]))
+    nearest_rad = middle_rad if fitted_rad is None else fitted_rad
+    yaw_rad, half_width_rad = nearest_in_arc(nearest_rad, middle_rad, half_rad)
     return Heading(quaternion_of_yaw(yaw_rad), half_width_rad)
 
 
@@ -172,20 +175,15 @@ def _planar_heading(sights: _Sights) -> Heading | None:
     widths = sights.half_widths_rad
     if not len(widths) or widths[0] >= math.pi:
         return None
-    offsets = np.array([math.remainder(yaw - yaws[0], 2.0 * math.pi) for yaw in yaws])
-    # Where two arcs together are wider than a circle they may meet twice: no common arc.
-    useful = widths + widths[0] < math.pi
-    useful[0] = True
-    low = float(angle_down(offsets - widths)[useful].max())
-    high = float(angle_up(offsets + widths)[useful].min())
-    if low > high:
-        raise NoHeadingError('the rays leave no common heading')
+    arc, *others = np.stack([angle_down(yaws - widths), angle_up(yaws + widths)], axis=-1)
+    for other in others:
+        arc, met = intersect_arcs(arc, other)
+        if not met:
+            raise NoHeadingError('the rays leave no common heading')
     placed = _yaws(sights.placed, sights.rays)
     weights = 1.0 / (widths + 1e-6)
     fitted = math.atan2(float(weights @ np.sin(placed)), float(weights @ np.cos(placed)))
-    yaw = min(max(math.remainder(fitted - yaws[0], 2.0 * math.pi), low), high)
-    half_width_rad = angle_up(max(yaw - low, high - yaw))
-    return Heading(quaternion_of_yaw(yaws[0] + yaw), min(half_width_rad, math.pi))
+    return heading_in_arc(arc, fitted)
 
 
 def _yaws(directions: FloatArray, rays: FloatArray) -> FloatArray:
@@ -233,6 +231,8 @@ class BodyPoses:
             if solved.dimension == 2 and solved.rows.get(robot, -1) not in {-1, *held}
         }
         self._options = PairOptions(resolution_m=self._config.solver.resolution)
+        # One search for each robot in each hypothesis that is listed.
+        self._most_covers = self._config.max_hypotheses * len(self._bodies)
         self._n_covers = 0
 
     def narrow(
@@ -281,7 +281,7 @@ class BodyPoses:
                 if other in others and error_rad < math.pi / 2:
                     anywhere = (0.0, math.inf)
                     sights.append((member, enclosure[other], anywhere, ray.direction, error_rad))
-        if not sights or self._n_covers >= MOST_COVERS:
+        if not sights or self._n_covers >= self._most_covers:
             return None
         self._n_covers += 1
         return cover_poses(readings_of(self._config, sights), self._options)

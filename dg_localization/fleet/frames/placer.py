@@ -11,7 +11,7 @@ assemble the rows.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
 
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from dg_localization.fleet.best_point.best_point import BestPoint, BestPointFinder
 from dg_localization.fleet.bodies import AnchorGeometry
 from dg_localization.fleet.constraints.constrain import Constraints
-from dg_localization.fleet.estimate import FrameKind, Placement
+from dg_localization.fleet.estimate import FrameKind, Placement, spread_out
 from dg_localization.fleet.frames.enclosure import Encloser, MirrorImage, Placed
 from dg_localization.fleet.frames.finders import finder_of
 from dg_localization.fleet.frames.headings import (
@@ -60,35 +60,29 @@ class Placer:
     ) -> None:
         self._snapshot = snapshot
         self._config = snapshot.config
-        self._plan = plan
         self._dropped = dropped
-        self._all = constraints.of(plan.points)
-        self._rows = tuple(range(len(plan.points)))
-        cores = plan.cores
+        chiralities: tuple[Chirality, ...] = ()
         if plan.frame.kind is FrameKind.ANCHORS:
             n_robots = len(self._config.robots)
-            self._rows, geometry = _busy(self._all, plan.points, n_robots, snapshot.anchors)
-            cores = geometry.cores
-            row_of = {point: row for row, point in enumerate(plan.points)}
-            of_anchors = (
-                Chirality(tuple(row_of[point] for point in one.points), one.sign)
-                for one in geometry.chiralities
-            )
-            known = dict.fromkeys((*self._all.chiralities, *of_anchors))
-            self._all = replace(self._all, chiralities=tuple(known))
-        self._solved = self._all.of(self._rows)
-        self.points = tuple(plan.points[row] for row in self._rows)
-        place = {point: row for row, point in enumerate(self.points)}
-        boxes = snapshot.anchors.boxes
+            plan, chiralities = _without_idle(constraints, plan, n_robots, snapshot.anchors)
+        self._plan, solved = plan, constraints.of(plan.points)
+        place = {point: row for row, point in enumerate(plan.points)}
+        of_anchors = (Chirality(tuple(place[p] for p in c.points), c.sign) for c in chiralities)
+        known = tuple(dict.fromkeys((*solved.chiralities, *of_anchors)))
+        self._solved = replace(solved, chiralities=known)
         self._registration = Registration(
             plan.frame.kind,
             self._solved,
-            tuple(tuple(place[p] for p in core) for core in cores if place.keys() >= {*core}),
-            {place[point]: box for point, box in boxes.items() if point in place},
+            tuple(tuple(place[p] for p in core) for core in plan.cores if place.keys() >= {*core}),
+            plan.by_row(snapshot.anchors.boxes),
         )
         self._encloser = Encloser(self._solved, self._registration)
-        held = [self._rows.index(row) for row in plan.held]
-        self._body_poses = BodyPoses(snapshot, self._solved, held)
+        self._body_poses = BodyPoses(snapshot, self._solved, plan.held)
+
+    @property
+    def points(self) -> tuple[int, ...]:
+        """What the problem is of: the connected points without idle anchors."""
+        return self._plan.points
 
     @cached_property
     def problem(self) -> Problem:
@@ -111,14 +105,14 @@ class Placer:
         """
         placements: list[Placement] = []
         images = self._encloser.enclose(hypothesis)
-        bounds_m2 = self._bounds_of_all(hypothesis)
+        bounds_m2 = Interval(hypothesis.lower, hypothesis.upper)
         among = None if alone and len(images) == 1 else (bounds_m2.lower, bounds_m2.upper)
         for image, region in self._regions(hypothesis, images) if apart else images:
             narrowed = self._body_poses.narrow(hypothesis, region)
             if narrowed is None:
                 continue
-            enclosure = self._coordinates_of_all(narrowed[0])
-            start = self._start_of_all(hypothesis, image, enclosure)
+            enclosure = narrowed[0]
+            start = self._start(hypothesis, image, enclosure)
             best = self._best_points.find(start, enclosure, among)
             try:
                 headings = self._headings(best, enclosure, narrowed[1])
@@ -133,28 +127,13 @@ class Placer:
     def _regions(self, hypothesis: Hypothesis, images: list[Placed]) -> Iterator[Placed]:
         """Yield the connected parts of mirror images."""
         anchors = self._registration.anchors
-        rows = [row for row in range(len(self._rows)) if row not in anchors]
+        rows = [row for row in range(len(self.points)) if row not in anchors]
         most = self._config.max_hypotheses
         for image, whole in images:
             parts = regions_of(whole, hypothesis.lower, hypothesis.upper, rows, most)
             yield from ((image, part) for part in parts)
 
-    def _bounds_of_all(self, hypothesis: Hypothesis) -> Interval:
-        """Return bounds of the squared distances in m^2 of all points, idle anchors included."""
-        lower, upper = self._all.lower.copy(), self._all.upper.copy()
-        among = np.ix_(self._rows, self._rows)
-        lower[among], upper[among] = hypothesis.lower, hypothesis.upper
-        return Interval(lower, upper)
-
-    def _coordinates_of_all(self, enclosure: Interval) -> Interval:
-        """Return the coordinates (n, q) of all points, idle anchors included."""
-        if len(self._rows) == len(self._plan.points):
-            return enclosure
-        boxes = self._snapshot.anchors.boxes
-        known = {point: enclosure[row] for row, point in enumerate(self.points)}
-        return Interval.stack([known.get(p) or boxes[p] for p in self._plan.points], axis=0)
-
-    def _start_of_all(
+    def _start(
         self, hypothesis: Hypothesis, image: MirrorImage | None, enclosure: Interval
     ) -> FloatArray:
         """Return the placement of the solver, moved into the fixed frame and its enclosure."""
@@ -165,9 +144,8 @@ class Placer:
             corner = positions[[*image.core, image.apex]]
             if np.linalg.det(corner[1:] - corner[0]) * image.sign < 0.0:
                 positions[:, -1] *= -1.0
-        start = 0.5 * (enclosure.lower + enclosure.upper)
-        start[list(self._rows)] = self._registration.moved(positions)
-        return np.clip(start, enclosure.lower, enclosure.upper)
+        moved = self._registration.moved(positions)
+        return np.clip(moved, enclosure.lower, enclosure.upper)
 
     def _is_flexible(self, hypothesis: Hypothesis) -> bool:
         """Return whether points may move whose bounds the solver takes for measured."""
@@ -179,22 +157,22 @@ class Placer:
     @cached_property
     def _best_points(self) -> BestPointFinder:
         """What finds the best points, by all readings; a contradiction does not need it."""
-        return finder_of(self._snapshot, self._all, self._plan, self._dropped)
+        return finder_of(self._snapshot, self._solved, self._plan, self._dropped)
 
     def _headings(
         self, best: BestPoint, enclosure: Interval, arcs_rad: Mapping[int, tuple[float, float]]
     ) -> dict[int, Heading]:
         """Return the headings that are known, by index into the points of the fleet."""
-        rows = self._all.rows
+        rows = self._solved.rows
         rays_of: dict[str, list[RayReading]] = {}
-        for observer, rays in self._all.rays.items():
+        for observer, rays in self._solved.rays.items():
             rays_of.setdefault(self._config.robot_of(observer), []).extend(rays)
         headings = {}
         for robot, own_rays in rays_of.items():
             heading: Heading | None = NO_TURN
             if rows[robot] not in self._plan.held:
                 heading = estimate_heading(rows, own_rays, best.positions_m, enclosure)
-                arc_rad = arcs_rad.get(self._solved.rows[robot])
+                arc_rad = arcs_rad.get(rows[robot])
                 if arc_rad is not None:
                     heading = heading_within(heading, arc_rad, best.rotations[rows[robot]])
             if heading is not None:
@@ -212,16 +190,16 @@ class Placer:
         n_points, n_robots = len(self._config.points), len(self._config.robots)
         # The rows after those are sensors.
         landmarks = slice(n_robots, n_robots + len(self._config.landmarks))
-        points = list(self._plan.points)
-        positions = np.full((n_points, self._config.dimension), np.nan)
-        positions[points] = best.positions_m
+        points = list(self.points)
+        positions = spread_out(n_points, points, best.positions_m)
         boxes = np.empty((n_points, 2, self._config.dimension))
         boxes[:, 0], boxes[:, 1] = -np.inf, np.inf
+        if self._plan.frame.kind is FrameKind.ANCHORS:
+            for point, box in self._snapshot.anchors.boxes.items():
+                boxes[point] = box.lower, box.upper
+                positions[point] = 0.5 * (box.lower + box.upper)
+        positions[points] = best.positions_m
         boxes[points, 0], boxes[points, 1] = enclosure.lower, enclosure.upper
-        covariances = np.full((n_points, 6, 6), np.nan)
-        covariances[points] = best.covariances
-        fitted_yaws = np.full(n_points, np.nan)
-        fitted_yaws[points] = best.fitted_yaws_rad()
         orientations = np.full((n_robots, 4), np.nan)
         half_widths = np.full(n_robots, np.pi)
         for point, heading in headings.items():
@@ -247,31 +225,32 @@ class Placer:
             lower_m=apart[0, :n_robots, :n_robots],
             upper_m=apart[1, :n_robots, :n_robots],
             dropped=tuple(sorted(self._dropped)),
-            covariances=covariances[:n_robots],
-            fitted_yaws_rad=fitted_yaws[:n_robots],
+            covariances=spread_out(n_points, points, best.covariances)[:n_robots],
+            fitted_yaws_rad=spread_out(n_points, points, best.fitted_yaws_rad())[:n_robots],
         )
 
 
-def _busy(
-    solved: Constraints, points: Sequence[int], n_robots: int, anchors: AnchorGeometry
-) -> tuple[tuple[int, ...], AnchorGeometry]:
+def _without_idle(
+    known: Constraints, plan: FramePlan, n_robots: int, anchors: AnchorGeometry
+) -> tuple[FramePlan, tuple[Chirality, ...]]:
     """
-    Return the rows that are no idle anchors, and the geometry of the anchors that fixes the frame.
+    Return a plan of the points that are no idle anchors, and the chirality of its anchors.
 
     Nothing ties an idle anchor to any point but other anchors, and the solver takes longer with
     every point. Where the others do not fix the frame, the anchors that span most are added. An
     anchor among the robots is never idle.
     """
-    landmarks = {
-        row for row, point in enumerate(points) if point >= n_robots and point in anchors.boxes
+    landmarks = {p for p in plan.points if p >= n_robots and p in anchors.boxes}
+    others = [point for point in plan.points if point not in landmarks]
+    tied = np.isfinite(known.upper[:, others]) | (known.lower[:, others] > 0.0)
+    busy = {*others, *np.flatnonzero(tied.any(axis=1)).tolist()}
+    busy |= {
+        known.rows[ray.key.target] for o in others for ray in known.rays.get(known.points[o], ())
     }
-    others = [row for row in range(len(points)) if row not in landmarks]
-    known = np.isfinite(solved.upper[:, others]) | (solved.lower[:, others] > 0.0)
-    busy = {*others, *np.flatnonzero(known.any(axis=1)).tolist()}
-    busy |= {solved.rows[ray.key.target] for rays in solved.rays.values() for ray in rays}
-    geometry = anchors.among([points[row] for row in busy])
+    geometry = anchors.among(busy)
     if not geometry.chiralities:
         # The idle ones may tell the others from their mirror image.
         geometry = anchors
-        busy |= {row for row, point in enumerate(points) if point in anchors.spanning}
-    return tuple(sorted(busy)), geometry
+        busy |= anchors.spanning
+    points = tuple(point for point in plan.points if point in busy)
+    return replace(plan, points=points, cores=geometry.cores), geometry.chiralities

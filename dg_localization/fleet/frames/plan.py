@@ -72,6 +72,11 @@ class Plans:
     reason: str
     others: tuple[FramePlan, ...]
 
+    @property
+    def all(self) -> tuple[FramePlan, ...]:
+        """The plans of all frames, the main one last."""
+        return self.others if self.main is None else (*self.others, self.main)
+
 
 def plan_frames(
     snapshot: Snapshot, constraints: Constraints, alternatives: Sequence[Constraints]

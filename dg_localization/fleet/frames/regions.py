@@ -26,11 +26,9 @@ from dg_localization.solver.contract.coordinates import contract_coordinate_boxe
 FloatArray = NDArray[np.float64]
 
 MOST_CELLS = 16
-"""How many boxes one point is covered by at most. With 128, five robots among 15 landmarks take
-twice as long; the tests of anchors in line and of ceilings hold with either."""
-
-MOST_OTHERS = 12
-"""How many points are asked whether they tell all places of a point apart."""
+"""How many boxes one point is covered by at most, and how many other points are asked whether they
+tell all its places apart. With 128, five robots among 15 landmarks take twice as long; the tests
+of anchors in line and of ceilings hold with either."""
 
 
 def regions_of(
@@ -78,7 +76,7 @@ def _parts_of_point(
 def _is_in_general_position(region: Interval, row: int, others: NDArray[np.intp]) -> bool:
     """Return whether distances to q of the others tell all places of a point apart."""
     dimension = region.lower.shape[1]
-    some = others[:: len(others) // MOST_OTHERS + 1].tolist()
+    some = others[:: len(others) // MOST_CELLS + 1].tolist()
     bases = list(combinations(some, dimension))
     if not bases:
         return False

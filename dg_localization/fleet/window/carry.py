@@ -25,10 +25,10 @@ from dg_localization.fleet.motion import Motion, way_between
 from dg_localization.fleet.mounts import places_on_body
 from dg_localization.fleet.odometry import MotionLimits, OdometryPath
 from dg_localization.fleet.vocabulary import LinkKey
-from dg_localization.fleet.window.memory import WORLD, Observation, Pair, Row, Table, Window
+from dg_localization.fleet.window.memory import WORLD, Pair, Table, Window
 from dg_localization.interval.arrays import Interval
 from dg_localization.interval.bounds import sum_up
-from dg_localization.poses import Cover, PairReadings, PastPoses
+from dg_localization.poses import NO_RAY_RAD, Cover, PairReadings, PastPoses
 
 
 class Tilt(NamedTuple):
@@ -39,7 +39,11 @@ class Tilt(NamedTuple):
 
 
 class CarriedWindow:
-    """What the pairs of bodies observed of each other, seen from where both are now."""
+    """
+    What the pairs of bodies observed of each other, seen from where both are now.
+
+    `tables` are their observations, newest first.
+    """
 
     def __init__(
         self, now_s: float, window: Window, motion: Motion, anchors: AnchorGeometry
@@ -47,7 +51,7 @@ class CarriedWindow:
         self._config, self._motion = motion.config, motion
         self._now_s, self._anchors = now_s, anchors
         self._index = {name: i for i, name in enumerate(self._config.points)}
-        rows: dict[Pair, list[Row]] = {}
+        parts: dict[Pair, list[Table]] = {}
         for (observer, target, *reference), seen in window.observations.items():
             pair = self._pair_of(observer, target)
             if pair is not None:
@@ -57,33 +61,25 @@ class CarriedWindow:
                     (other, own) if by_second else (own, other)
                     for other in (others[0], others[-1])
                 )
-                rows.setdefault(pair, []).extend(
-                    (one, by_second, points, references) for one in seen
-                )
-        self._tables = {pair: Table.of(some, pair) for pair, some in sorted(rows.items())}
+                table = Table.of(seen, by_second, points, references)
+                if pair[0] == WORLD and not by_second:
+                    # How an anchor is turned is not known.
+                    table.errors_rad[:] = NO_RAY_RAD
+                parts.setdefault(pair, []).append(table)
+        self.tables = {
+            pair: Table.joined(some).newest_first() for pair, some in sorted(parts.items())
+        }
         self._paths: dict[int, OdometryPath] = {}
         # For all observations of a robot, seen from where it is or from its track.
         self._past: dict[tuple[int, bool], PastPoses] = {}
-        observing = {body for pair in self._tables for body in pair} - {WORLD}
+        observing = {body for pair in self.tables for body in pair} - {WORLD}
         # The times of all observations of a robot, ascending.
         self._stamps = {
             robot: np.unique(
-                np.concatenate([t.stamps_s for pair, t in self._tables.items() if robot in pair])
+                np.concatenate([t.stamps_s for pair, t in self.tables.items() if robot in pair])
             )
             for robot in sorted(observing)
         }
-
-    @property
-    def pairs(self) -> tuple[Pair, ...]:
-        """The pairs that observed anything."""
-        return tuple(self._tables)
-
-    def table(self) -> Table | None:
-        """Return all observations, pair by pair; None where there are none."""
-        if not self._tables:
-            return None
-        columns = zip(*self._tables.values(), strict=True)
-        return Table._make(np.concatenate(column) for column in columns)
 
     def path(self, robot: int) -> OdometryPath:
         """Return the path of a robot with odometry."""
@@ -112,7 +108,7 @@ class CarriedWindow:
         Only those that observed each other in the `newest_s` before now.
         """
         robots = self._pairs_of_robots(newest_s)
-        robots.sort(key=lambda pair: float(self._tables[pair].upper_m[0]))
+        robots.sort(key=lambda pair: float(self.tables[pair].upper_m[0]))
         ranks: Counter[int] = Counter()
         near = []
         for pair in robots:
@@ -136,7 +132,7 @@ class CarriedWindow:
         robots = {name: robot for robot, name in enumerate(config.robots)}
         linked = [[robots.get(config.robot_of(end), WORLD) for end in key.ends] for key in keys]
         together = {body: body for body in (WORLD, *robots.values())}
-        for first, second in [*linked, *(pair for pair in self.pairs if pair[0] == WORLD)]:
+        for first, second in [*linked, *(pair for pair in self.tables if pair[0] == WORLD)]:
             old, new = together[first], together[second]
             if old != new:
                 together = {body: new if one == old else one for body, one in together.items()}
@@ -154,7 +150,7 @@ class CarriedWindow:
 
     def stamps_s(self, pair: Pair) -> NDArray[np.float64]:
         """Return the times of the observations of a pair, newest first."""
-        return self._tables[pair].stamps_s if pair in self._tables else np.empty(0)
+        return self.tables[pair].stamps_s if pair in self.tables else np.empty(0)
 
     def fixes_place(self, pair: Pair, chosen: NDArray[np.intp] | slice = slice(None)) -> bool:
         """
@@ -164,9 +160,9 @@ class CarriedWindow:
         there have to be two such points, or a ray from the first body, and as many different
         measurements as a pose has coordinates.
         """
-        if pair not in self._tables:
+        if pair not in self.tables:
             return False
-        seen, in_plane = self._tables[pair].some(chosen), self._config.dimension == 2
+        seen, in_plane = self.tables[pair].some(chosen), self._config.dimension == 2
         by_second = seen.seen_by_second[:, None]
         heard = seen.some(seen.differences)
         ranges = np.unique(seen.points[np.isfinite(seen.upper_m)], axis=0)
@@ -185,14 +181,6 @@ class CarriedWindow:
         count += len(beacons) - len(sensors)
         return apart and count >= (3 if in_plane else 4)
 
-    def sources(self, pair: Pair) -> list[tuple[str, str, Observation]]:
-        """Return the observations of a pair with observer and target, newest first."""
-        names, seen = self._config.points, self._tables[pair]
-        return [
-            (names[observer], names[target], observation)
-            for (observer, target), observation in zip(seen.ends, seen.observations, strict=True)
-        ]
-
     def readings(
         self,
         pair: Pair,
@@ -208,7 +196,7 @@ class CarriedWindow:
         their tracks are.
         """
         first, second = pair
-        seen = self._tables[pair]
+        seen = self.tables[pair]
         count = int(np.count_nonzero(seen.stamps_s >= self._now_s - newest_s))
         if most is not None and count > most:
             seen = seen.some(np.linspace(0, count - 1, most).astype(int))
@@ -264,7 +252,7 @@ class CarriedWindow:
         oldest_s = self._now_s - newest_s
         return [
             pair
-            for pair, seen in self._tables.items()
+            for pair, seen in self.tables.items()
             if pair[0] != WORLD and seen.stamps_s[0] >= oldest_s
         ]
 

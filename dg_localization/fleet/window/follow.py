@@ -83,8 +83,7 @@ class Follower:
     def copied(self) -> Follower:
         """Return one that knows the same; what changes one does not change the other."""
         other = copy(self)
-        other._standing_frame = copy(self._standing_frame)
-        other._record = self._record.copied()
+        other._standing_frame, other._record = copy(self._standing_frame), copy(self._record)
         other.earlier = self.earlier.copied()
         return other
 

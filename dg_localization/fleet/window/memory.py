@@ -10,15 +10,15 @@ Of each pair of bodies they make a table.
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 import math
 from operator import attrgetter
 from types import MappingProxyType
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.mounts import AHEAD
@@ -48,8 +48,7 @@ Pair = tuple[int, int]
 """Two bodies, the smaller index first: the world before any robot."""
 
 
-@dataclass(frozen=True, eq=False)
-class Observation:
+class Observation(NamedTuple):
     """
     What one sensor said of one target at one time.
 
@@ -58,47 +57,41 @@ class Observation:
     stamp_s : float
     lower_m, upper_m : float
         Bounds of the distance.
-    direction : numpy.ndarray, shape (3,), or None
-        Unit vector in the body frame of the observer.
     half_width_rad : float
-        Greatest angle between the direction and the true one.
-    expected_error_rad : float
-        Its likeliest error about the vertical axis.
-    likeliest_m : float
-        The likeliest distance; NaN where none was measured.
+        Greatest angle between the direction and the true one; infinite where none was measured.
     least_m, most_m : float
         Bounds of a range difference; infinite where none was measured.
+    likeliest_m : float
+        The likeliest distance; NaN where none was measured.
+    expected_error_rad : float
+        The likeliest error of the direction about the vertical axis.
+    direction : numpy.ndarray, shape (3,)
+        Unit vector in the body frame of the observer.
 
     """
 
     stamp_s: float
     lower_m: float = 0.0
     upper_m: float = math.inf
-    direction: np.ndarray | None = None
-    half_width_rad: float = math.inf
-    expected_error_rad: float = 0.0
-    likeliest_m: float = math.nan
+    half_width_rad: float = NO_RAY_RAD
     least_m: float = -math.inf
     most_m: float = math.inf
-
-    @property
-    def has_distance(self) -> bool:
-        """Whether it says anything about the distance."""
-        return self.lower_m > 0.0 or self.upper_m < math.inf
+    likeliest_m: float = math.nan
+    expected_error_rad: float = 0.0
+    direction: ArrayLike = AHEAD
 
     def joined(self, reading: DistanceReading | RayReading) -> Observation:
         """Return the observation with a reading of the same time."""
         if isinstance(reading, DistanceReading) and reading.key.reference:
-            return replace(self, least_m=reading.lower_m, most_m=reading.upper_m)
+            return self._replace(least_m=reading.lower_m, most_m=reading.upper_m)
         if isinstance(reading, DistanceReading):
             lower_m = max(self.lower_m, reading.lower_m)
             upper_m = min(self.upper_m, reading.upper_m)
             likeliest_m = reading.likeliest_m
-            return replace(self, lower_m=lower_m, upper_m=upper_m, likeliest_m=likeliest_m)
+            return self._replace(lower_m=lower_m, upper_m=upper_m, likeliest_m=likeliest_m)
         if reading.half_width_rad >= self.half_width_rad:
             return self
-        return replace(
-            self,
+        return self._replace(
             direction=reading.direction,
             half_width_rad=reading.half_width_rad,
             expected_error_rad=reading.expected_error_rad,
@@ -198,25 +191,20 @@ class Memory:
         return Window(MappingProxyType(found)).without(forgotten)
 
 
-Row = tuple[Observation, bool, tuple[int, int], tuple[int, int]]
-"""An observation, whether the second body made it, and its points without and with a reference."""
-
-
 class Table(NamedTuple):
     """
-    Observations of a pair as arrays, newest first; points are those of its two bodies.
+    Observations of pairs as arrays; points are those of the two bodies.
 
     The references are the same, but with that of a range difference in place of the target.
     """
 
-    observations: NDArray[Any]
-    stamps_s: NDArray[np.float64]
     seen_by_second: NDArray[np.bool_]
     points: NDArray[np.int64]
     references: NDArray[np.int64]
+    rays: NDArray[np.float64]
+    stamps_s: NDArray[np.float64]
     lower_m: NDArray[np.float64]
     upper_m: NDArray[np.float64]
-    rays: NDArray[np.float64]
     errors_rad: NDArray[np.float64]
     least_m: NDArray[np.float64]
     most_m: NDArray[np.float64]
@@ -224,34 +212,20 @@ class Table(NamedTuple):
     expected_errors_rad: NDArray[np.float64]
 
     @classmethod
-    def of(cls, rows: Sequence[Row], pair: Pair) -> Table:
-        """Return a table of observations; how an anchor is turned is not known."""
-        observations = np.empty(len(rows), object)
-        observations[:] = [row[0] for row in rows]
-        by_second = np.array([row[1] for row in rows])
-        stamps_s, lower_m, upper_m, errors_rad, *others = np.array(
-            [
-                (
-                    one.stamp_s,
-                    one.lower_m,
-                    one.upper_m,
-                    NO_RAY_RAD if one.direction is None else one.half_width_rad,
-                    one.least_m,
-                    one.most_m,
-                    one.likeliest_m,
-                    one.expected_error_rad,
-                )
-                for one in observations
-            ]
-        ).T.copy()
-        if pair[0] == WORLD:
-            errors_rad[~by_second] = NO_RAY_RAD
-        rays = np.array(
-            [AHEAD if one.direction is None else one.direction for one in observations]
-        )
-        points, references = (np.array([row[k] for row in rows]) for k in (2, 3))
-        columns = observations, stamps_s, by_second, points, references, lower_m, upper_m, rays
-        return cls(*columns, errors_rad, *others).some(np.argsort(-stamps_s, kind='stable'))
+    def of(
+        cls, seen: Sequence[Observation], by_second: bool, points: Pair, references: Pair
+    ) -> Table:
+        """Return a table of what one point observed of another."""
+        count = len(seen)
+        rays = np.array([one.direction for one in seen], dtype=float)
+        shared = (np.tile(value, (count, 1)) for value in (points, references))
+        numbers = np.array([one[:-1] for one in seen]).T
+        return cls._make([np.full(count, by_second), *shared, rays, *numbers])
+
+    @classmethod
+    def joined(cls, parts: Iterable[Table]) -> Table:
+        """Return the rows of all parts."""
+        return cls._make(map(np.concatenate, zip(*parts, strict=True)))
 
     @property
     def ends(self) -> NDArray[np.int64]:
@@ -262,6 +236,10 @@ class Table(NamedTuple):
     def differences(self) -> NDArray[np.intp]:
         """The rows that are range differences."""
         return np.flatnonzero(np.isfinite(self.most_m))
+
+    def newest_first(self) -> Table:
+        """Return the rows in the order of their times."""
+        return self.some(np.argsort(-self.stamps_s, kind='stable'))
 
     def some(self, index: slice | NDArray[np.int64]) -> Table:
         """Return some of the rows."""

@@ -32,9 +32,6 @@ from dg_localization.poses import (
 RESOLUTION_M = 0.15
 MOST_BOXES = 1000
 
-MOMENT_RESOLUTION_M, MOST_OF_MOMENT = 0.02, 400
-"""Of what one moment tells, which has few readings."""
-
 
 @dataclass(frozen=True)
 class PoseSets:
@@ -43,10 +40,8 @@ class PoseSets:
 
     Parameters
     ----------
-    covers : mapping of int to Cover
-        By robot, in the frame of the anchors; those that bound its position.
-    relative : mapping of (int, int) to Cover
-        By pair of robots, in the frame of the first.
+    sets : mapping of (int, int) to Cover
+        By pair of bodies, in the frame of the first; those that bound the position of the second.
     of_whole_memory : bool
         Whether some know all that is remembered, and not its younger part alone.
     of_moment : mapping of int to Cover
@@ -56,16 +51,15 @@ class PoseSets:
 
     """
 
-    covers: Mapping[int, Cover] = field(default_factory=dict)
-    relative: Mapping[Pair, Cover] = field(default_factory=dict)
+    sets: Mapping[Pair, Cover] = field(default_factory=dict)
     of_whole_memory: bool = False
     of_moment: Mapping[int, Cover] = field(default_factory=dict)
     loose: frozenset[Pair] = frozenset()
 
     @property
-    def any(self) -> bool:
-        """Whether it says where any robot is."""
-        return bool(self.covers or self.relative)
+    def covers(self) -> dict[int, Cover]:
+        """The sets of robots among the anchors, by robot."""
+        return {pair[1]: cover for pair, cover in self.sets.items() if pair[0] == WORLD}
 
     def distances(self, snapshot: Snapshot) -> Iterator[tuple[PairBounds, bool]]:
         """
@@ -74,15 +68,13 @@ class PoseSets:
         A few anchors fix each place: what a cover knows beyond that narrows the answer afterwards.
         """
         boxes, used = snapshot.anchors.boxes, snapshot.anchors.spanning
-        for robot, cover in self.covers.items():
-            is_loose = (WORLD, robot) in self.loose
-            bounds_m2 = _squared_distances_m2(cover, [boxes[anchor] for anchor in used])
-            for anchor, near_m2, far_m2 in zip(used, *bounds_m2, strict=True):
-                yield (robot, anchor, near_m2, far_m2), is_loose
         origin = Interval.point(np.zeros(snapshot.config.dimension))
-        for pair, cover in self.relative.items():
-            (near_m2,), (far_m2,) = _squared_distances_m2(cover, [origin])
-            yield (*pair, near_m2, far_m2), pair in self.loose
+        for pair, cover in self.sets.items():
+            first, second = pair
+            places = {i: boxes[i] for i in used} if first == WORLD else {first: origin}
+            bounds_m2 = _squared_distances_m2(cover, [*places.values()])
+            for point, near_m2, far_m2 in zip(places, *bounds_m2, strict=True):
+                yield (second, point, near_m2, far_m2), pair in self.loose
 
 
 NO_POSE_SETS = PoseSets()
@@ -106,9 +98,9 @@ def place_robots(
     carried = snapshot.carried
     anchored = bool(snapshot.anchors.cores)
     robots_too = snapshot.config.window_outliers > 0
-    apart = carried.pairs_apart((distance.key for distance in snapshot.distances), newest_s)
     alone = not anchored and len(snapshot.config.robots) == 2
-    known = sorted(earlier.pairs.union(carried.pairs))
+    apart = carried.pairs_apart((distance.key for distance in snapshot.distances), newest_s)
+    known = sorted(earlier.pairs.union(carried.tables))
     pairs = [
         pair
         for pair in known
@@ -145,13 +137,8 @@ def place_robots(
                 forgotten.append(_what_odometry_carries(snapshot, pair[1], agreed_s, is_new))
         earlier.set_back(pair)
         in_doubt |= {pair[1]} if pair[0] == WORLD else set()
-    pose_sets = PoseSets(
-        {pair[1]: cover for pair, cover in covers.items() if pair[0] == WORLD},
-        {pair: cover for pair, cover in covers.items() if pair[0] != WORLD},
-        of_whole_memory=not covers.keys() <= {*apart},
-        loose=frozenset(loose),
-    )
-    return pose_sets, tuple(forgotten)
+    is_whole = not covers.keys() <= {*apart}
+    return PoseSets(covers, is_whole, loose=frozenset(loose)), tuple(forgotten)
 
 
 def place_by_moment(snapshot: Snapshot, placed: Collection[int]) -> dict[int, Cover]:
@@ -164,7 +151,7 @@ def place_by_moment(snapshot: Snapshot, placed: Collection[int]) -> dict[int, Co
     config = snapshot.config
     if config.dimension != 2 or not snapshot.anchors.boxes:
         return {}
-    options = PairOptions(config.window_outliers, MOMENT_RESOLUTION_M, MOST_OF_MOMENT)
+    options = PairOptions(config.window_outliers, config.solver.resolution)
     found = {}
     for robot, name in enumerate(config.robots):
         if robot not in placed and name not in config.anchors:

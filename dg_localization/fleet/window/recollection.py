@@ -7,19 +7,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 import time
-from typing import TypeVar
 
-from dg_localization.fleet.answers import Answer
-from dg_localization.fleet.estimate import FixedFrame, Group, Placement
-from dg_localization.fleet.frames.plan import FramePlan, Plans
+from dg_localization.fleet.answers import Answer, Part
+from dg_localization.fleet.estimate import FixedFrame, Placement
+from dg_localization.fleet.frames.plan import FramePlan
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey
 from dg_localization.fleet.window.carry import Tilt
 from dg_localization.fleet.window.earlier_sets import EarlierSets
 from dg_localization.fleet.window.forgetting import Forgotten, ends_of, without
-from dg_localization.fleet.window.memory import WORLD, Ends, Pair
+from dg_localization.fleet.window.memory import MOST_OBSERVATIONS, WORLD, Ends, Pair
 from dg_localization.fleet.window.pose_sets import (
+    MOST_BOXES,
     NO_POSE_SETS,
     PoseSets,
     place_by_moment,
@@ -32,7 +33,6 @@ from dg_localization.fleet.window.proved import (
     chain_seconds,
 )
 from dg_localization.fleet.window.shape_headings import (
-    Narrow,
     Remaining,
     narrow_in_plane,
     narrow_in_space,
@@ -50,32 +50,26 @@ MOST_LATE = 3.0
 """How many times the span may pass on the clock, where the processors are busy with other work."""
 
 MOST_PARTNERS = 4
-"""Of each robot: near ones tell most of its heading, since errors of ranges grow with them."""
+"""
+Of each robot: near ones tell most of its heading, since errors of ranges grow with them. With all
+of them and the anchors it has as many observations as are kept of one pair.
+"""
 
-MOST_IN_TABLE = 40
-MOST_IN_TABLES = 225
-"""
-Observations of a pair, and of all, that narrow headings: a pair has more of them where pairs are
-few. More cost time and tell little more.
-"""
 
 CHAIN_SHARE = 0.5
 """Of the time that a chain of estimates counts: then the next begins, to be ready at its end."""
 
 JOINT_RESOLUTION_M = 0.05
-COARSE_BOXES, FINE_BOXES, PROGRAM_BOXES = 32, 1000, 96
+COARSE_BOXES, PROGRAM_BOXES = 32, 96
 """
 Boxes of the poses of a few robots together: few to rule out what is impossible, more to bound
 what is left where outliers are tolerated, and few with linear programs where not.
 """
 
 MOST_REFINED = 16
-"""Of more placements than these, the others get coarse headings only."""
+"""Of more placements than these, the others get coarse headings only, and none a new best point:
+none of them is the answer yet."""
 
-MOST_REFITTED = 4
-"""More placements than these stay as they are: none of them is the answer yet."""
-
-Part = TypeVar('Part', Answer, Group)
 Refit = Callable[[FramePlan, Placement], Placement]
 
 
@@ -156,8 +150,8 @@ class Recollection:
 
     def without_pose_sets(self) -> Recollection:
         """Return this without the pose sets, which contradict the moment, and forget them."""
-        pairs = [*((WORLD, robot) for robot in self.pose_sets.covers), *self.pose_sets.relative]
-        forgotten = self.forgetting(ends_of(self.snapshot.config, pairs), CONTRADICTS_NOW)
+        ends = ends_of(self.snapshot.config, self.pose_sets.sets)
+        forgotten = self.forgetting(ends, CONTRADICTS_NOW)
         return replace(self, pose_sets=NO_POSE_SETS, replaced=frozenset(), forgotten=forgotten)
 
     def forgetting(self, ends: frozenset[Ends], text: str) -> tuple[Forgotten, ...]:
@@ -167,7 +161,7 @@ class Recollection:
     @property
     def empty(self) -> bool:
         """Whether there is nothing to narrow placements with."""
-        known = self.readings or self.pose_sets.any or self.pose_sets.of_moment
+        known = self.readings or self.pose_sets.sets or self.pose_sets.of_moment
         return not (known or any(self.chains))
 
     def narrow(
@@ -178,36 +172,29 @@ class Recollection:
 
         The chains after it have their shares of the time that is left.
         """
-        outliers, stopped = self.snapshot.config.window_outliers, self.allowance.part(1)
-        if self.snapshot.config.dimension == 2:
-            stopped = self.allowance.part(len(self.chains) - chain)
+        config, sets = self.snapshot.config, self.pose_sets
+        stopped = self.allowance.part(len(self.chains) - chain)
 
-        def narrow_with(boxes: int, programs: int = 0) -> Narrow:
-            options = PairOptions(outliers, JOINT_RESOLUTION_M, boxes, programs)
+        def narrow(options: PairOptions, placement: Placement) -> Placement | str:
+            if config.dimension == 3:
+                found = narrow_in_space(placement, frame.kind, sets, self.tilts)
+            else:
+                found = narrow_in_plane(
+                    placement, frame, config.robots, self.readings, sets, options, stopped
+                )
+            return found if isinstance(found, Placement) else self._over(found)
 
-            def narrow(placement: Placement) -> Placement | str:
-                sets, robots = self.pose_sets, self.snapshot.config.robots
-                if self.snapshot.config.dimension == 3:
-                    found = narrow_in_space(placement, frame.kind, sets, self.tilts)
-                else:
-                    found = narrow_in_plane(
-                        placement, frame, robots, self.readings, sets, options, stopped
-                    )
-                return found if isinstance(found, Placement) else self._over(found)
-
-            return narrow
-
-        if self.snapshot.config.dimension == 3:
-            return sifted(placements, narrow_with(COARSE_BOXES))
+        coarse = PairOptions(config.window_outliers, JOINT_RESOLUTION_M, COARSE_BOXES)
+        boxes = MOST_BOXES if config.window_outliers else COARSE_BOXES
+        fine = replace(coarse, max_boxes=boxes, max_programs=PROGRAM_BOXES)
         left = _carried_on(placements, frame, self.chains[chain])
         sentences = left.ruled_out
         best, others = parted(left.placements, MOST_REFINED)
         if others:
-            left = sifted(left.placements, narrow_with(COARSE_BOXES))
+            left = sifted(left.placements, partial(narrow, coarse))
             sentences += left.ruled_out
             best, others = parted(left.placements, MOST_REFINED)
-        boxes = FINE_BOXES if outliers else COARSE_BOXES
-        refined = sifted(best, narrow_with(boxes, PROGRAM_BOXES))
+        refined = sifted(best, partial(narrow, fine))
         return Remaining((*refined.placements, *others), sentences + refined.ruled_out)
 
     def _over(self, pair: Pair) -> str:
@@ -243,7 +230,7 @@ def recall(
         proved = ()
     newest_s = config.memory_s * WINDOW_SHARE
     pose_sets, forgotten = place_robots(snapshot, allowance.part, newest_s, earlier)
-    spans_s = {pair: carried.span_s(pair) for pair in earlier.pairs.union(carried.pairs)}
+    spans_s = {pair: carried.span_s(pair) for pair in earlier.pairs.union(carried.tables)}
     snapshot = without(snapshot, forgotten)
     carried, doubtful = snapshot.carried, earlier.doubts.robots
     # What a robot in doubt measures now may be what is wrong.
@@ -260,7 +247,6 @@ def recall(
     if config.dimension == 3:
         return replace(recalled, tilts={robot: carried.tilt(robot) for robot in pose_sets.covers})
     near = carried.near_pairs(MOST_PARTNERS, newest_s)
-    most = max(MOST_IN_TABLE, MOST_IN_TABLES // max(1, len(near)))
     # A chain begins where the youngest is half as old.
     begins_s = snapshot.stamp_s - CHAIN_SHARE * chain_seconds(config)
     begins = all(one.since_s <= begins_s for one in proved)
@@ -268,7 +254,7 @@ def recall(
         recalled,
         spans_s=spans_s | {pair: carried.span_s(pair, newest_s) for pair in near},
         readings={
-            pair: carried.readings(pair, newest_s, most=most)
+            pair: carried.readings(pair, newest_s, most=MOST_OBSERVATIONS // (MOST_PARTNERS + 1))
             for pair in near
             if not pose_sets.covers.keys() >= {*pair} and doubtful.isdisjoint(pair)
         },
@@ -301,9 +287,7 @@ class NarrowedAnswer:
     proved: tuple[Proved, ...] = ()
 
 
-def narrow_answer(
-    found: Answer, plans: Plans, recalled: Recollection, refit: Refit
-) -> NarrowedAnswer:
+def narrow_answer(found: Answer, recalled: Recollection, refit: Refit) -> NarrowedAnswer:
     """
     Return what a window leaves of an answer.
 
@@ -314,63 +298,50 @@ def narrow_answer(
     if recalled.empty:
         return NarrowedAnswer(found, (), recalled.forgotten)
     recalled.allowance.resume()
-    answers: list[Answer | Group] = [found, *found.groups]
-    planned = zip(answers, (plans.main, *plans.others), strict=True)
-    parts = [
-        (part, plan, recalled.narrow(part.placements, plan.frame))
-        for part, plan in planned
-        if plan is not None
-    ]
-    emptied = [part for part, _, left in parts if part.placements and not left.placements]
+    # What is published, the last part, comes before groups apart.
+    latest_first = reversed(found.parts)
+    parts = [(part, recalled.narrow(part.placements, part.plan.frame)) for part in latest_first]
+    parts.reverse()
+    emptied = [part for part, left in parts if part.placements and not left.placements]
     if any(len(part.placements) < part.n_hypotheses for part in emptied):
         return NarrowedAnswer(found, (), recalled.forgotten)
     if emptied and any(recalled.chains):
         recalled.allowance.pause()
         forgotten = recalled.forgetting(frozenset(), PROVED_CONTRADICTS)
         alone = replace(recalled, chains=(None,), forgotten=forgotten)
-        return narrow_answer(found, plans, alone, refit)
+        return narrow_answer(found, alone, refit)
     if emptied:
         ends = ends_of(recalled.snapshot.config, recalled.spans_s)
         return NarrowedAnswer(found, (), recalled.forgetting(ends, CONTRADICTS_NOW))
     proved: tuple[Proved, ...] = ()
-    if plans.main is not None:
-        proved = tuple(_what_is_proved(found, plans.main.frame, recalled, parts[0][2]))
-    kept = iter(_refitted(left.placements, plan, recalled, refit) for _, plan, left in parts)
-    answer = found if plans.main is None else _with_placements(found, next(kept))
-    groups = tuple(_with_placements(group, next(kept)) for group in found.groups)
+    if found.main is not None:
+        proved = tuple(_what_is_proved(found.main, recalled, parts[-1][1]))
+    kept = [part.leaving(_refitted(part.plan, left, recalled, refit)) for part, left in parts]
     return NarrowedAnswer(
-        replace(answer, groups=groups),
-        tuple(text for *_, left in parts for text in left.ruled_out),
+        found.with_parts(kept),
+        tuple(text for _, left in parts for text in left.ruled_out),
         recalled.forgotten,
         proved,
     )
 
 
 def _refitted(
-    placements: tuple[Placement, ...], plan: FramePlan, recalled: Recollection, refit: Refit
+    plan: FramePlan, left: Remaining, recalled: Recollection, refit: Refit
 ) -> tuple[Placement, ...]:
     """Return placements, in the plane with new best points where they are few."""
-    if recalled.snapshot.config.dimension == 3 or len(placements) > MOST_REFITTED:
-        return placements
-    return tuple(refit(plan, placement) for placement in placements)
+    if recalled.snapshot.config.dimension == 3 or len(left.placements) > MOST_REFINED:
+        return left.placements
+    return tuple(refit(plan, placement) for placement in left.placements)
 
 
-def _with_placements(part: Part, placements: tuple[Placement, ...]) -> Part:
-    """Return an answer or a group with the placements that are left of those listed."""
-    count = part.n_hypotheses - len(part.placements) + len(placements)
-    return replace(part, placements=placements, n_hypotheses=count)
-
-
-def _what_is_proved(
-    found: Answer, frame: FixedFrame, recalled: Recollection, oldest: Remaining
-) -> Iterator[Proved]:
+def _what_is_proved(found: Part, recalled: Recollection, oldest: Remaining) -> Iterator[Proved]:
     """
-    Yield what an answer proves of later ones; `oldest` is what the oldest chain leaves of it.
+    Yield what a part proves of later ones; `oldest` is what the oldest chain leaves of it.
 
     Nothing where measurements contradict, or where it rests on all of the memory: later ones may
     not rest on what is older.
     """
-    listed = found.placements
+    listed, frame = found.placements, found.plan.frame
     complete = len(listed) == found.n_hypotheses and not any(p.dropped for p in listed)
     if not complete or recalled.forgotten or recalled.snapshot.config.dimension != 2:
         return

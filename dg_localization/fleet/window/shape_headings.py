@@ -11,7 +11,7 @@ mostly is.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 import math
 from typing import NamedTuple
@@ -20,12 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet.estimate import FixedFrame, FrameKind, Placement
-from dg_localization.fleet.frames.headings import Heading
-from dg_localization.fleet.rotations import (
-    quaternion_of,
-    quaternion_of_yaw,
-    rotations_about_z,
-)
+from dg_localization.fleet.frames.headings import Heading, heading_in_arc
+from dg_localization.fleet.rotations import quaternion_of, rotation_of_quaternion
 from dg_localization.fleet.window.carry import Tilt
 from dg_localization.fleet.window.memory import WORLD, Pair
 from dg_localization.fleet.window.pose_sets import PoseSets, poses_within
@@ -39,7 +35,7 @@ from dg_localization.interval.angles import angle_up
 from dg_localization.interval.arrays import Interval, squared_norm
 from dg_localization.poses import Cover, JointPoses, PairOptions, PairReadings, narrow_jointly
 from dg_localization.poses.cover import arc_around
-from dg_localization.poses.turns import HALF_TURN_UP, turned
+from dg_localization.poses.turns import turned
 
 FloatArray = NDArray[np.float64]
 
@@ -68,17 +64,30 @@ def narrow_in_plane(
     enclosure, arcs = placement.enclosure_m.copy(), heading_arcs(placement)
     if frame.kind is FrameKind.HEADING:
         arcs[robots.index(frame.points[0])] = 0.0
-    for pair, bounds in _bounds_of_sets(frame, robots, enclosure, pose_sets):
-        if bounds is None:
-            return pair
+    by_anchors = frame.kind is FrameKind.ANCHORS
+    known = {**pose_sets.of_moment, **pose_sets.covers} if by_anchors else {}
+    for robot, cover in known.items():
+        part = poses_within(cover, *enclosure[robot])
+        if part.empty and robot not in pose_sets.covers:
+            continue
+        if part.empty:
+            return WORLD, robot
+        position_m = part.position_m[:2]
+        enclosure[robot] = position_m.lower, position_m.upper
+        arcs[robot], met = intersect_arcs(arcs[robot], np.array(part.hull.yaw_rad))
+        if not met:
+            return WORLD, robot
+    of_two = len(robots) == 2 and {*frame.points} <= {*robots}
+    for pair, cover in pose_sets.sets.items() if of_two else ():
+        bounds = _two_robots(frame, robots, cover)
         enclosure[:, 0] = np.maximum(enclosure[:, 0], bounds.enclosure_m[:, 0])
         enclosure[:, 1] = np.minimum(enclosure[:, 1], bounds.enclosure_m[:, 1])
-        arcs, met = intersect_arcs(arcs, bounds.arcs_rad)
-        if not np.all(met) or np.any(enclosure[:, 0] > enclosure[:, 1]):
+        arcs, all_met = intersect_arcs(arcs, bounds.arcs_rad)
+        if not np.all(all_met) or np.any(enclosure[:, 0] > enclosure[:, 1]):
             return pair
     lower, upper = np.zeros((2, len(enclosure), 3))
     lower[:, :2], upper[:, :2] = enclosure[:, 0], enclosure[:, 1]
-    settled = pose_sets.covers if frame.kind is FrameKind.ANCHORS else {}
+    settled = pose_sets.covers if by_anchors else {}
     # Two robots that are known among the anchors tell each other little, and it takes long.
     useful = {p: part for p, part in readings.items() if not settled.keys() >= {*p}}
     poses = narrow_jointly(JointPoses(lower, upper, arcs), useful, options, stopped=stopped)
@@ -105,34 +114,12 @@ def narrow_in_space(
         if part.empty:
             return WORLD, robot
         enclosure[robot] = part.hull.lower_m, part.hull.upper_m
-        middle, half_yaw = _arc_middle(*part.hull.yaw_rad)
-        turn, tilt = rotations_about_z(np.array([middle]))[0], tilts[robot]
+        level, tilt = heading_in_arc(part.hull.yaw_rad), tilts[robot]
+        turn = rotation_of_quaternion(level.orientation_xyzw)
         # Two rotations one after the other turn by no more than the sum of their angles.
-        half_rad = angle_up(half_yaw + tilt.error_rad)
+        half_rad = angle_up(level.half_width_rad + tilt.error_rad)
         found[robot] = Heading(quaternion_of(turn @ tilt.rotation), half_rad)
     return _with_orientations(_with_enclosure(placement, enclosure), found, [3, 4, 5])
-
-
-def _bounds_of_sets(
-    frame: FixedFrame, robots: Sequence[str], enclosure_m: FloatArray, pose_sets: PoseSets
-) -> Iterator[tuple[Pair, PoseBounds | None]]:
-    """Yield what each pose set leaves of poses in a frame; None where nothing is left."""
-    nothing = np.tile([[-math.inf], [math.inf]], (len(robots), 1, 2))
-    any_way = np.tile([-HALF_TURN_UP, HALF_TURN_UP], (len(robots), 1))
-    if frame.kind is FrameKind.ANCHORS:
-        for robot, cover in (*pose_sets.covers.items(), *pose_sets.of_moment.items()):
-            part = poses_within(cover, *enclosure_m[robot])
-            bounds = None
-            if not part.empty:
-                bounds = PoseBounds(nothing.copy(), any_way.copy())
-                position_m = part.position_m[:2]
-                bounds.enclosure_m[robot] = position_m.lower, position_m.upper
-                bounds.arcs_rad[robot] = part.hull.yaw_rad
-            if bounds is not None or robot in pose_sets.covers:
-                yield (WORLD, robot), bounds
-    elif len(robots) == 2 and {*frame.points} <= {*robots}:
-        for pair, cover in pose_sets.relative.items():
-            yield pair, None if cover.empty else _two_robots(frame, robots, cover)
 
 
 def _two_robots(frame: FixedFrame, robots: Sequence[str], cover: Cover) -> PoseBounds:
@@ -161,18 +148,8 @@ def _two_robots(frame: FixedFrame, robots: Sequence[str], cover: Cover) -> PoseB
 
 def within_bounds(placement: Placement, bounds: PoseBounds) -> Placement:
     """Return a placement with narrower bounds, and headings where the rays tell less."""
-    found = {}
-    for robot, (low, high) in enumerate(bounds.arcs_rad.tolist()):
-        middle, half = _arc_middle(low, high)
-        if half < KNOWN_HALF_WIDTH_RAD:
-            found[robot] = Heading(quaternion_of_yaw(middle), half)
+    found = dict(enumerate(map(heading_in_arc, bounds.arcs_rad.tolist())))
     return _with_orientations(_with_enclosure(placement, bounds.enclosure_m), found, [5])
-
-
-def _arc_middle(low_rad: float, high_rad: float) -> tuple[float, float]:
-    """Return the middle of an arc, and the greatest angle from it to any of the arc."""
-    middle = 0.5 * (low_rad + high_rad)
-    return middle, angle_up(max(high_rad - middle, middle - low_rad))
 
 
 def _with_enclosure(placement: Placement, enclosure_m: FloatArray) -> Placement:
