@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 import math
-import sys
 import time
 from typing import NamedTuple
 
@@ -125,6 +124,10 @@ def would_fix(config: FleetConfig, found: Answer) -> tuple[str, ...]:
     return (*open_remedies(config, found), *joining)
 
 
+SHORTEST_S = 1e-3
+"""A solve for which no time is left gets this much: what is short still makes an answer."""
+
+
 def shared_time(options: SolverOptions, n_solves: int) -> Iterator[SolverOptions]:
     """Yield the options of solves one after another, which together take the time of one."""
     start_s = time.perf_counter()
@@ -132,7 +135,7 @@ def shared_time(options: SolverOptions, n_solves: int) -> Iterator[SolverOptions
         spent_s = time.perf_counter() - start_s
         yield replace(
             options,
-            max_seconds=max(sys.float_info.min, (options.max_seconds - spent_s) / n_left),
+            max_seconds=max(SHORTEST_S, (options.max_seconds - spent_s) / n_left),
             tighten_seconds=max(0.0, (options.tighten_seconds - spent_s) / n_left),
         )
 
