@@ -299,8 +299,8 @@ def narrow_answer(found: Answer, recalled: Recollection, refit: Refit) -> Narrow
         return NarrowedAnswer(found, (), recalled.forgotten)
     recalled.allowance.resume()
     # What is published, the last part, comes before groups apart.
-    latest_first = reversed(found.parts)
-    parts = [(part, recalled.narrow(part.placements, part.plan.frame)) for part in latest_first]
+    main_first = reversed(found.parts)
+    parts = [(part, recalled.narrow(part.placements, part.plan.frame)) for part in main_first]
     parts.reverse()
     emptied = [part for part, left in parts if part.placements and not left.placements]
     if any(len(part.placements) < part.n_hypotheses for part in emptied):

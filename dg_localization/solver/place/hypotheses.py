@@ -77,27 +77,6 @@ def place_problem(problem: Problem, box: FloatArray) -> FloatArray:
     return with_known_chirality(problem, place_everywhere(box, problem.dimension))
 
 
-def placement_in(
-    problem: Problem,
-    boxes: list[FloatArray],
-    starts: Iterable[FloatArray | None],
-    stopped: Callable[[], bool],
-) -> tuple[FloatArray, bool]:
-    """Return a placement for the boxes of a component, and whether it is proved to agree."""
-    ended = _end_of_placing(problem, stopped)
-    first = None
-    for positions in _placements_sought(problem, boxes, starts, stopped):
-        placed, proved = with_known_chirality(problem, positions), False
-        with until(ended):
-            placed, proved = settled(problem, placed, boxes)
-        if first is None or proved:
-            first = placed
-        if proved or stopped():
-            return first, proved
-    assert first is not None
-    return first, False
-
-
 def _placements_sought(
     problem: Problem,
     boxes: list[FloatArray],
@@ -120,11 +99,6 @@ def _placements_sought(
         squared = box[LOWER] + (drawn + drawn.T) * (box[UPPER] - box[LOWER])
         start = scaled(np.sqrt(squared), np.arange(len(squared)), problem.dimension)
         yield sought(start, known.pairs, known.lower, known.upper, stopped)
-
-
-def _end_of_placing(problem: Problem, stopped: Callable[[], bool]) -> Callable[[], bool]:
-    """Return what ends a first placement, its proof and its rank: nothing for few points."""
-    return never if problem.n_points * problem.dimension <= AT_ONCE else stopped
 
 
 def _may_move(problem: Problem, found: Placement) -> bool:
@@ -219,12 +193,22 @@ def _placed_in_time(
 ) -> Placement:
     """Return a placement for the boxes of a component, None where there was no time for any."""
     stopped = clock()
+    # A first placement and its proof take hardly any time for few points.
+    ended = never if problem.n_points * problem.dimension <= AT_ONCE else stopped
     # Those of further boxes are computed only where the first ones prove nothing.
     starts = (start_of(index, stopped) for index in indices) if start_of else ()
-    found: Placement = (None, False)
-    with until(_end_of_placing(problem, stopped)):
-        found = placement_in(problem, inside, starts, stopped)
-    return found
+    first = None
+    with until(ended):
+        for positions in _placements_sought(problem, inside, starts, stopped):
+            placed, proved = with_known_chirality(problem, positions), False
+            with until(ended):
+                placed, proved = settled(problem, placed, inside)
+            if proved:
+                return placed, True
+            first = placed if first is None else first
+            if stopped():
+                break
+    return first, False
 
 
 def hulls_of(boxes: list[FloatArray]) -> list[tuple[FloatArray, list[int]]]:
