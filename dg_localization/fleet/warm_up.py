@@ -5,9 +5,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
-from dataclasses import replace
 from functools import cache
 from itertools import combinations, permutations
 import math
@@ -18,7 +17,6 @@ import numpy as np
 
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.localizer import Localizer
-from dg_localization.fleet.sensors import Anchor
 from dg_localization.interval.kernels import (
     COMPILED,
     compile_progress,
@@ -30,7 +28,6 @@ from dg_localization.solver.solve import load_kernels
 
 STAMP_S = 1.0
 REPORT_PERIOD_S = 0.5
-FOLLOWED_S = 8.0
 
 
 def warm_up(report: Callable[[str], object] | None = None) -> None:
@@ -80,18 +77,9 @@ def _reporting(report: Callable[[str], object]) -> Iterator[None]:
 def _load_all() -> None:
     """Make estimates that need every kernel, once in a process."""
     load_kernels()
-    for dimension in (2, 3):
-        _estimate_small_fleet(dimension)
-    robots, landmarks = {'r': (0.0, 1.0), 's': (1.0, 1.0)}, {'a': (0.0, 0.0), 'b': (3.0, 0.0)}
-    for known in ({}, landmarks):
-        for outliers in (0, 1):
-            config = FleetConfig(tuple(robots), anchors=_anchors(known), window_outliers=outliers)
-            _estimate_in_time(config, {**robots, **known}, (0, 1, 2))
-    known = {'a': (0.0, 0.0), 'b': (5.0, 0.0), 'c': (0.0, 4.0)}
-    mounts = {'r': {'left': (0.0, 0.5), 'right': (0.0, -0.5)}}
-    config = FleetConfig(('r',), anchors=_anchors(known), mounts=mounts, memory_s=FOLLOWED_S)
-    points = {'r': (2.0, 1.0), 'r/left': (2.0, 1.5), 'r/right': (2.0, 0.5)}
-    _estimate_in_time(config, {**points, **known}, (3, 5, 7))
+    _estimate_small_fleet()
+    for outliers in (0, 1):
+        _estimate_in_time(outliers)
 
 
 def warm_up_status() -> str:
@@ -110,58 +98,43 @@ def solver_warnings() -> tuple[str, ...]:
     return tuple(text for text in (why_slow(), why_not_kept()) if text)
 
 
-def _estimate_small_fleet(dimension: int) -> None:
+def _estimate_small_fleet() -> None:
     """
-    Estimate a small fleet that needs every kernel.
+    Estimate a small fleet at one time.
 
     Of its two groups of robots, which do not measure each other, one has several placements and
     the other has cameras.
     """
-    positions_m = _two_simplices_m(dimension)
+    # Two triangles with an edge in common, the lone corners at the ends.
+    positions_m = np.array([(0.0, 0.0), (3.0, 0.0), (0.0, 4.0), (3.5, 3.5)])
     groups = [tuple(f'{group}{i}' for i in range(len(positions_m))) for group in 'ab']
-    localizer = Localizer(FleetConfig(robots=(*groups[0], *groups[1]), dimension=dimension))
+    localizer = Localizer(FleetConfig(robots=(*groups[0], *groups[1])))
     for robots in groups:
         for i, j in _measured_pairs(len(robots)):
             range_m = float(np.linalg.norm(positions_m[j] - positions_m[i]))
             localizer.add_range(robots[i], robots[j], range_m, STAMP_S, STAMP_S)
     for i, j in _measured_pairs(len(positions_m)):
-        ray = np.zeros(3)
-        ray[:dimension] = positions_m[j] - positions_m[i]
+        ray = (*(positions_m[j] - positions_m[i]), 0.0)
         localizer.add_bearing(groups[1][i], groups[1][j], ray, STAMP_S, STAMP_S)
     localizer.step(STAMP_S)
 
 
-def _anchors(places_m: Mapping[str, tuple[float, float]]) -> dict[str, Anchor]:
-    return {name: Anchor(place_m) for name, place_m in places_m.items()}
-
-
-def _estimate_in_time(
-    config: FleetConfig, places_m: Mapping[str, tuple[float, float]], asked_s: Collection[int]
-) -> None:
-    """Estimate robots with odometry at some times, from all that points measure every second."""
+def _estimate_in_time(window_outliers: int) -> None:
+    """Estimate two robots with odometry, from all that they measure of each other."""
     # Compiling takes longer than an answer may.
-    localizer = Localizer(replace(config, memory_max_seconds=math.inf))
-    for age_s in range(max(asked_s) + 1):
-        now_s = STAMP_S + age_s
-        for robot in config.robots:
-            place_m = (*places_m[robot], 0.0)
+    config = FleetConfig(('r', 's'), window_outliers=window_outliers, memory_max_seconds=math.inf)
+    localizer = Localizer(config)
+    places_m = {'r': (0.0, 1.0, 0.0), 's': (1.0, 1.0, 0.0)}
+    for now_s in (STAMP_S, STAMP_S + 1.0, STAMP_S + 2.0):
+        for robot, place_m in places_m.items():
             localizer.add_odometry(robot, place_m, (0.0, 0.0, 0.0, 1.0), now_s, now_s)
         for (first, from_m), (other, to_m) in permutations(places_m.items(), 2):
             localizer.add_range(first, other, math.dist(from_m, to_m), now_s, now_s)
-            localizer.add_bearing(first, other, (*np.subtract(to_m, from_m), 0.0), now_s, now_s)
-        if age_s in asked_s:
-            localizer.step(now_s)
+            localizer.add_bearing(first, other, np.subtract(to_m, from_m), now_s, now_s)
+        localizer.step(now_s)
     # What contradicts itself is explained and forgotten.
-    first, second, *_ = places_m
-    localizer.add_range(first, second, 9.0, now_s, now_s)
+    localizer.add_range('r', 's', 9.0, now_s, now_s)
     localizer.step(now_s)
-
-
-def _two_simplices_m(dimension: int) -> np.ndarray:
-    """Return the corners of two simplices with a face in common, the lone corners at the ends."""
-    # Of different lengths, so that no two corners are alike.
-    face = np.diag(3.0 + np.arange(dimension))
-    return np.vstack([np.zeros(dimension), face, np.full(dimension, 3.5)])
 
 
 def _measured_pairs(n: int) -> list[tuple[int, int]]:
