@@ -62,6 +62,11 @@ class Case:
     latency_s: float = 0.0
     silent_s: float = 0.0
     rays: bool = True
+    ranged_s: float = math.inf
+    """From then on rays come without ranges."""
+
+    straight: bool = False
+    """Away from two anchors; odometry states the way too long or short by all that is allowed."""
 
 
 CASES = {
@@ -91,6 +96,8 @@ CASES = {
     'silence': Case(silent_s=2.0),
     'silence-sparse': Case(silent_s=4.0, per_round=1, round_s=1.0),
     'silence-exact': Case(silent_s=1.5, range_m=0.02, bearing_rad=0.01),
+    'straight': Case(straight=True, anchors=2, memory_s=8.0, odometry=0.1),
+    'straight-rays': Case(straight=True, anchors=2, memory_s=8.0, odometry=0.1, ranged_s=4.0),
 }
 
 
@@ -108,9 +115,12 @@ def drive(case: Case, rng: np.random.Generator, steps: int) -> Drive:
     true = np.array([*rng.uniform(-0.6, 0.6, 2) * HALF_M, rng.uniform(-math.pi, math.pi)])
     stated = np.array([*rng.uniform(-50.0, 50.0, 2), rng.uniform(-math.pi, math.pi)])
     track = []
-    speed = rate = 0.0
+    speed, rate = (0.7, 0.0) if case.straight else (0.0, 0.0)
+    if case.straight:
+        true[1:] = -0.6 * HALF_M, 0.5 * math.pi
+        staying[0] = math.copysign(1.0, staying[0])
     for step in range(steps):
-        if step % 20 == 0:
+        if step % 20 == 0 and not case.straight:
             speed = float(rng.choice([0.0, 0.4, 0.9], p=[0.15, 0.35, 0.5]))
             off = math.remainder(math.atan2(-true[1], -true[0]) - true[2], math.tau)
             is_out = math.hypot(*true[:2]) > 0.7 * HALF_M
@@ -185,7 +195,8 @@ def answers_of(case: Case, seed: int, count: int) -> Iterator[tuple[Placement, F
                     errors = case.bias * staying[:2, row, other] + (1.0 - case.bias) * anew
                     line_m = places_m[other] - places_m[row]
                     range_m = math.hypot(*line_m) + case.range_m * errors[0]
-                    localizer.add_range(names[row], names[other], range_m, now_s, now_s)
+                    if now_s - START_S < case.ranged_s:
+                        localizer.add_range(names[row], names[other], range_m, now_s, now_s)
                     if case.rays and other - case.robots in (0, 1):
                         angle = math.atan2(line_m[1], line_m[0]) - true[row, 2]
                         angle += case.bearing_rad * errors[1]
