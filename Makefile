@@ -28,7 +28,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK = 1
 help: ## Print this list
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 12
 
-venv: $(ready) ## Set up the virtual environment (needs the network the first time only)
+venv: $(ready) ## Set up the virtual environment and compile (needs the network the first time only)
 
 # Packages are those of requirements/, by version and hash, and wheels except for `built`: nothing of
 # a download is run before its hash is checked. They are kept in a folder inside pip's cache and are
@@ -66,7 +66,7 @@ $(ready): setup.py setup.cfg $(wildcard requirements/*.txt)
 	    $(run) -m pip $$command -q --no-deps --no-build-isolation --require-hashes "$$@"
 	}
 	provide() {
-	    file=requirements/$$1.txt
+	    file=$$1
 	    pip install --no-index --find-links "$$wheels" -r $$file 2>/dev/null || {
 	        echo "Fetching packages into $$wheels"
 	        rm -f $(built:%="$$wheels"/%-*.whl)
@@ -76,16 +76,22 @@ $(ready): setup.py setup.cfg $(wildcard requirements/*.txt)
 	        pip install --no-index --find-links "$$wheels" -r $$file
 	    }
 	}
-	provide build
-	provide $(ros)
+	provide requirements/build.txt
+	# Kernels are compiled by one processor while the other installs what they do not need.
+	sed -n '/^\(llvmlite\|numba\|numpy\)==/,/# via/p' requirements/$(ros).txt >$(VENV)/numba.txt
+	provide $(VENV)/numba.txt
+	$(run) -m dg_localization.compile_kernels &
+	kernels=$$!
+	provide requirements/$(ros).txt
 	$(run) -m pip install -q --no-index --no-deps --no-build-isolation --editable .
+	wait $$kernels || :
 	touch $@
 	echo 'Ready: $(VENV)'
 
 demo: $(ready) ## Simulate the paper's fleet, localize it over DDS, write demo.png
 	@$(run) docs/demo.py
 
-# Kernels are compiled first, with progress: it takes minutes, and a test that waits would time out.
+# Kernels that have changed are compiled first, with progress: a test that waits would time out.
 # Pytest loads NumPy before this package can limit its threads, which hinder those of other processes.
 test: $(ready) ## Run all tests
 	$(run) -m dg_localization.compile_kernels || :

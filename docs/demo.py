@@ -9,7 +9,7 @@ disappear and headings appear. At last they see each other. Every answer on the 
 localizer is compared with the simulated truth. The exit code is 1 when the truth was in no
 hypothesis of some answer.
 
-    python docs/demo.py [--seconds 8] [--picture demo.png]
+    python docs/demo.py [--seconds 5] [--picture demo.png]
 """
 
 import argparse
@@ -80,7 +80,7 @@ class Phase:
 
 PHASES = (
     Phase('Ranges', 1.0, {'cameras': False}),
-    Phase('The robots move', 4.0, {'cameras': False, 'odometry_rate': 10.0, **MOVING}, ODOMETRY),
+    Phase('The robots move', 6.0, {'cameras': False, 'odometry_rate': 10.0, **MOVING}, ODOMETRY),
     Phase('With cameras', 1.0, {'cameras': True}),
 )
 
@@ -289,7 +289,7 @@ def draw(phases: dict[str, list[Answer]], path: Path) -> None:
 def main() -> int:
     """Run all phases; return the exit code."""
     parser = argparse.ArgumentParser(description='Localize a simulated fleet over DDS.')
-    parser.add_argument('--seconds', type=float, default=8.0, help='length of the first phase')
+    parser.add_argument('--seconds', type=float, default=5.0, help='length of the first phase')
     parser.add_argument('--picture', type=Path, default='demo.png', help='file to write')
     options = parser.parse_args()
     print(f'Six robots measure nine ranges to +-3 % (ROS_DOMAIN_ID={claim_domain()}).')
