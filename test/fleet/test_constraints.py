@@ -100,6 +100,21 @@ def test_no_two_robots_are_nearer_than_their_size_but_anchors_may_be():
     assert lower[0, 2] == 0.0
 
 
+def test_a_line_turns_by_all_that_its_ends_may_have_moved():
+    """The target goes 1 m across the line to where it is now, which turns that by 30 degrees."""
+    localizer = make(
+        max_age_s=2.0,
+        bearing_half_width_rad=0.0,
+        max_turn_rate_rad_s=0.0,
+        robot_max_speed_m_s={'b': 1.0},
+    )
+    localizer.add_bearing('a', 'b', ray(0.0), NOW_S - 1.0, NOW_S)
+    localizer.add_bearing('a', 'c', ray(2.0), NOW_S, NOW_S)
+    localizer.add_range('a', 'b', 3.0**0.5, NOW_S, NOW_S)
+    low_rad, high_rad = constrain(localizer.snapshot(NOW_S)).angles.bounds_rad()
+    assert low_rad[0] <= 2.0 - math.pi / 6.0 and 2.0 + math.pi / 6.0 <= high_rad[0]
+
+
 def test_pitch_does_not_bend_a_ray_in_the_plane():
     localizer = make(
         max_age_s=5.0,

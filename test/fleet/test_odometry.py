@@ -217,6 +217,14 @@ def test_in_the_plane_what_a_robot_rises_is_way_on_which_odometry_errs():
     assert path.past_poses([0.0], 5.0).position_m.upper[0, 2] < 1e-9
 
 
+def test_two_stated_headings_differ_by_the_whole_constant_error():
+    """A robot stands still; by its odometry it turns by as much as its constant error."""
+    error = OdometryErrorModel(constant_rad=0.4, max_gap_s=math.inf)
+    turned = [attitude(0.0), attitude(0.4)]
+    path = OdometryPath([0.0, 1.0], np.zeros((2, 3)), turned, error)
+    assert path.past_poses([0.0], 1.0).yaw_rad.upper[0] >= 0.0
+
+
 def test_a_body_that_is_not_level():
     yaw, pitch, roll = 0.5, 0.3, -0.2
     error = OdometryErrorModel(tilt_rad=0.05)

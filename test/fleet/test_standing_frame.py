@@ -120,6 +120,17 @@ def test_a_tilted_odometry_frame_does_not_fit_the_plane(tilt_rad, kind):
     assert localizer.step(START_S).frame.kind == kind
 
 
+def test_late_odometry_may_state_where_the_robot_was_or_will_be():
+    localizer = new_localizer(
+        ('a', 'b'), max_speed_m_s=0.5, odometry_error=OdometryErrorModel(latency_s=0.2)
+    )
+    add_odometry(localizer, 'a', (1.0, 2.0), START_S, frame='odom')
+    localizer.add_range('a', 'b', 3.0, START_S, START_S)
+    localizer.add_bearing('a', 'b', [1.0, 0.0, 0.0], START_S, START_S)
+    (placement,) = localizer.step(START_S).placements
+    assert np.all(np.ptp(placement.enclosure_m[0], axis=0) >= 2 * 0.5 * 0.2)
+
+
 def test_old_odometry_widens_the_answer():
     widths_m = []
     for age_s in (0.0, 0.2):

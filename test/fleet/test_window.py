@@ -203,6 +203,15 @@ def test_a_robot_that_was_carried_away_is_forgotten_and_found_again(outliers):
     assert estimate.placements[0].heading_known.all()
 
 
+def test_what_a_robot_in_doubt_measured_of_others_does_not_count():
+    """It was carried away after the last range to the other robot."""
+    fleet = Circling(2, anchors=ANCHORS, memory_s=10.0, window_outliers=2)
+    list(fleet.drive(5.0))
+    fleet.shift_m[0] = [1.5, -1.0]
+    for estimate in fleet.drive(2.0, pairs=()):
+        assert fleet.holding(estimate)
+
+
 def remembered(fleet):
     """Return the stamps that are remembered of each observer and target."""
     observations = fleet.localizer.snapshot(fleet.now_s).window.observations

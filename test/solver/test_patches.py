@@ -3,7 +3,7 @@
 
 """Large pieces: solved in patches, nothing is lost and nothing more is claimed."""
 
-from joined_cases import missing, solve_as_one
+from joined_cases import check_counts, missing, solve_as_one
 import numpy as np
 import pytest
 from solver_cases import bounds, holding, squared_distances
@@ -76,6 +76,14 @@ def test_a_grid_with_holes_keeps_the_truth(seed, error, answer):
     assert (result.verdict is Verdict.OUT_OF_BUDGET) == (done.pending > 0)
     assert answer is solve_as_one or not missing(result, positions, squared)
     assert all_parts_hold(result, squared)
+
+
+def test_patches_that_were_not_examined_take_no_boxes_of_other_pieces():
+    grid, _ = braced_grid(5, 5, 0.05)
+    lower, upper = bounds(27, {(25, 26): (1.0, 1.0)})
+    lower[:25, :25], upper[:25, :25] = grid.lower, grid.upper
+    for max_boxes in (1, 2, 5):
+        check_counts(solve(Problem(lower, upper), SolverOptions(max_boxes=max_boxes)))
 
 
 def test_a_contradiction_between_patches_is_a_proof():

@@ -149,6 +149,19 @@ def test_time_that_is_over_is_never_a_complete_answer(max_seconds):
     assert not missing(result, positions, squared_distances(positions))
 
 
+def test_pieces_that_were_not_begun_hold_the_truth():
+    """There is no time to contract the larger of two pieces in space."""
+    positions = np.random.default_rng(0).random((125, 3))
+    squared = squared_distances(positions)
+    small = np.arange(125) < 5
+    known = small == small[:, None]
+    upper = np.where(known, 1.02 * squared, np.inf)
+    problem = Problem(np.where(known, 0.98 * squared, 0.0), upper, 3)
+    result = solve(problem, cancel=CancelAfter(0))
+    assert [len(piece.points) for piece in result.pieces] == [5, 120]
+    assert not missing(result, positions, squared)
+
+
 def test_what_was_not_examined_counts_as_flexible():
     # The center and the corners of a square, opposite ones of which do not measure each other.
     corners = np.array([[0, 0], [1, 0], [0, 1], [-1, 0], [0, -1]], dtype=float)
