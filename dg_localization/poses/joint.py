@@ -35,9 +35,6 @@ Party = tuple[int, ...]
 PARTY_SIZE = 3
 """Bodies whose poses are narrowed together."""
 
-PAIR_FACTOR = 4
-"""Two bodies get this many times the boxes, since each takes that much less time."""
-
 PASSES = 6
 """How often linear programs narrow a box at most before it is halved."""
 
@@ -191,9 +188,7 @@ def _narrow_by_programs(
     box: np.ndarray, table: np.ndarray, max_boxes: int, stopped: Callable[[], bool]
 ) -> tuple[np.ndarray, int]:
     """Return the hull (2, n, 4) of all poses that are left, and the pair that leaves none."""
-    n_bodies = box.shape[1]
-    most = max_boxes * (PAIR_FACTOR if n_bodies == 2 else 1)
-    levers_m = _levers_m(table, n_bodies)
+    levers_m = _levers_m(table, box.shape[1])
     boxes = box.reshape(1, 2, -1).copy()
     while True:
         found = np.full(len(boxes), POSSIBLE)
@@ -207,7 +202,7 @@ def _narrow_by_programs(
             return box, int(found[-1])
         around = _hull(left, box)
         fruitless = len(left) == len(boxes) >= FRUITLESS and np.array_equal(around, box)
-        if fruitless or 2 * len(left) > most:
+        if fruitless or 2 * len(left) > max_boxes:
             return around, POSSIBLE
         boxes = _halves(left, levers_m)
 
