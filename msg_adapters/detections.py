@@ -9,15 +9,15 @@ Rays are given with x forward, y left and z up; an optical frame has z forward a
 (REP-103). The packages of detections are looked up when a message class is asked for.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial, reduce
 import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_adapters.headers import header_of, header_to_message, message_class, xyz_from_message
+from msg_adapters.headers import header_of, header_to_message, message_class
 from msg_adapters.identified import IdentifiedReading
 from msg_adapters.registry import Adapter, register
 
@@ -29,6 +29,7 @@ DETECTIONS_3D = 'vision_msgs/msg/Detection3DArray'
 # From an optical frame to one with x forward, y left and z up.
 FROM_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 OPTICAL_SUFFIX = '_optical'
+BOX_CENTER = ('bbox', 'center', 'position')
 
 
 @dataclass(frozen=True)
@@ -136,54 +137,29 @@ def camera_to_message(reading: CameraReading) -> Any:
     )
 
 
+def _centers(message: Any, axes: str, *path: str) -> NDArray[np.float64]:
+    """Return where the detections are, by the path of fields to the point; shape (k, q)."""
+    points = [reduce(getattr, path, found) for found in message.detections]
+    rows = [[getattr(point, axis) for axis in axes] for point in points]
+    return np.reshape(np.array(rows, dtype=float), (-1, len(axes)))
+
+
 def apriltags_from_message(message: Any) -> PixelReading:
     """Read an `apriltag_msgs/AprilTagDetectionArray`; an id is ``FAMILY:ID``."""
-    centers = [(tag.centre.x, tag.centre.y) for tag in message.detections]
-    return _pixels(message, [f'{tag.family}:{int(tag.id)}' for tag in message.detections], centers)
-
-
-def apriltags_to_message(reading: PixelReading) -> Any:
-    """Write an `apriltag_msgs/AprilTagDetectionArray` of the centers alone."""
-    message = message_class(APRILTAGS)()
-    message.header = header_to_message(reading.stamp_s, reading.frame_id)
-    for target_id, (x, y) in zip(reading.target_ids, reading.pixels_xy.tolist(), strict=True):
-        tag = message_class('apriltag_msgs/msg/AprilTagDetection')()
-        tag.family, _, number = target_id.partition(':')
-        tag.id = int(number)
-        tag.centre.x, tag.centre.y = x, y
-        message.detections.append(tag)
-    return message
+    return PixelReading(
+        **header_of(message),
+        target_ids=tuple(f'{tag.family}:{int(tag.id)}' for tag in message.detections),
+        pixels_xy=_centers(message, 'xy', 'centre'),
+    )
 
 
 def detections_2d_from_message(message: Any) -> PixelReading:
     """Read a `vision_msgs/Detection2DArray`: the centers of the boxes, and the likeliest class."""
-    centers = [
-        (detection.bbox.center.position.x, detection.bbox.center.position.y)
-        for detection in message.detections
-    ]
-    return _pixels(message, [_class_of(detection) for detection in message.detections], centers)
-
-
-def detections_2d_to_message(reading: PixelReading) -> Any:
-    """Write a `vision_msgs/Detection2DArray` of boxes without size."""
-    return _detections(DETECTIONS_2D, reading, reading.pixels_xy)
-
-
-def _detections(
-    type_name: str, reading: PixelReading | IdentifiedReading, centers: NDArray[np.float64]
-) -> Any:
-    """Write an array of boxes without size, shape (k, 2) or (k, 3)."""
-    message = message_class(type_name)()
-    message.header = header_to_message(reading.stamp_s, reading.frame_id)
-    for target_id, center in zip(reading.target_ids, centers.tolist(), strict=True):
-        detection = message_class(type_name.removesuffix('Array'))()
-        for axis, coordinate in zip('xyz', center, strict=False):
-            setattr(detection.bbox.center.position, axis, coordinate)
-        result = message_class('vision_msgs/msg/ObjectHypothesisWithPose')()
-        result.hypothesis.class_id, result.hypothesis.score = target_id, 1.0
-        detection.results.append(result)
-        message.detections.append(detection)
-    return message
+    return PixelReading(
+        **header_of(message),
+        target_ids=tuple(map(_class_of, message.detections)),
+        pixels_xy=_centers(message, 'xy', *BOX_CENTER),
+    )
 
 
 def detections_3d_from_message(message: Any) -> IdentifiedReading:
@@ -193,34 +169,40 @@ def detections_3d_from_message(message: Any) -> IdentifiedReading:
     The distances are left out: how wrong those of a camera are has nothing to do with the bounds
     that are stated for ranges.
     """
-    centers = [xyz_from_message(found.bbox.center.position) for found in message.detections]
-    rays = np.reshape(np.array(centers, dtype=float), (-1, 3))
+    rays = _centers(message, 'xyz', *BOX_CENTER)
     if OPTICAL_SUFFIX in message.header.frame_id:
         rays = rays @ FROM_OPTICAL.T
     return IdentifiedReading(
         **header_of(message),
         observer_id='',
-        target_ids=tuple(_class_of(detection) for detection in message.detections),
+        target_ids=tuple(map(_class_of, message.detections)),
         ranges_m=np.full(len(rays), np.nan),
         rays_xyz=rays,
     )
 
 
-def detections_3d_to_message(reading: IdentifiedReading) -> Any:
-    """Write a `vision_msgs/Detection3DArray` of boxes without size, at the ends of the rays."""
-    is_optical = OPTICAL_SUFFIX in reading.frame_id
-    centers = reading.rays_xyz @ FROM_OPTICAL if is_optical else reading.rays_xyz
-    return _detections(DETECTIONS_3D, reading, centers)
-
-
-def _pixels(
-    message: Any, target_ids: Sequence[str], centers: Sequence[tuple[float, float]]
-) -> PixelReading:
-    return PixelReading(
-        **header_of(message),
-        target_ids=tuple(target_ids),
-        pixels_xy=np.reshape(np.array(centers, dtype=float), (-1, 2)),
-    )
+def detections_to_message(type_name: str, reading: PixelReading | IdentifiedReading) -> Any:
+    """Write an array of tags by their centers, or of boxes without size."""
+    centers = reading.pixels_xy if isinstance(reading, PixelReading) else reading.rays_xyz
+    if type_name == DETECTIONS_3D and OPTICAL_SUFFIX in reading.frame_id:
+        centers = centers @ FROM_OPTICAL
+    message = message_class(type_name)()
+    message.header = header_to_message(reading.stamp_s, reading.frame_id)
+    for target_id, coordinates in zip(reading.target_ids, centers.tolist(), strict=True):
+        found = message_class(type_name.removesuffix('Array'))()
+        if type_name == APRILTAGS:
+            center = found.centre
+            found.family, _, number = target_id.partition(':')
+            found.id = int(number)
+        else:
+            center = reduce(getattr, BOX_CENTER, found)
+            result = message_class('vision_msgs/msg/ObjectHypothesisWithPose')()
+            result.hypothesis.class_id, result.hypothesis.score = target_id, 1.0
+            found.results.append(result)
+        for axis, coordinate in zip('xyz', coordinates, strict=False):
+            setattr(center, axis, coordinate)
+        message.detections.append(found)
+    return message
 
 
 def _class_of(detection: Any) -> str:
@@ -233,12 +215,10 @@ def _class_of(detection: Any) -> str:
     return str(detection.results[scores.index(max(scores))].hypothesis.class_id)
 
 
-for _adapter in (
-    Adapter(CAMERA_INFO, CameraReading, camera_from_message, camera_to_message),
-    Adapter(APRILTAGS, PixelReading, apriltags_from_message, apriltags_to_message),
-    Adapter(DETECTIONS_2D, PixelReading, detections_2d_from_message, detections_2d_to_message),
-    Adapter(
-        DETECTIONS_3D, IdentifiedReading, detections_3d_from_message, detections_3d_to_message
-    ),
+register(Adapter(CAMERA_INFO, CameraReading, camera_from_message, camera_to_message))
+for _name, _value_class, _read in (
+    (APRILTAGS, PixelReading, apriltags_from_message),
+    (DETECTIONS_2D, PixelReading, detections_2d_from_message),
+    (DETECTIONS_3D, IdentifiedReading, detections_3d_from_message),
 ):
-    register(_adapter)
+    register(Adapter(_name, _value_class, _read, partial(detections_to_message, _name)))

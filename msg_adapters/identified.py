@@ -5,17 +5,21 @@
 Messages of drivers that name who measured whom by ids of their own.
 
 - uwb_ros/RangeStamped (MILUV): one range, with the ids of both radios;
-- px4_msgs/SensorUwb (PX4): one range, with the MAC addresses of both radios. Its angles of arrival
-  are not read: their signs depend on how the radio is mounted, which the message does not settle;
+- px4_msgs/SensorUwb (PX4): one range, with the MAC addresses of both radios as decimal numbers.
+  Its stamp counts microseconds since the flight controller started, or in ROS time where its
+  bridge synchronizes the clocks. Its angles of arrival are not read: their signs depend on how the
+  radio is mounted, which the message does not settle;
 - nlink_parser/LinktrackNodeframe2, 3 and 5 (Nooploop LinkTrack), from either package that ports
-  them: the ranges of one radio to all others. An id there is unique among those of a role only.
+  them: the ranges of one radio to all others. An id there is unique among those of a role only, so
+  it is ``ROLE:ID``. Frames 3 and 5 have no header.
 
 Their packages are looked up when a message class is asked for.
 """
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,12 +27,31 @@ from numpy.typing import NDArray
 from msg_adapters.headers import header_of, header_to_message, message_class
 from msg_adapters.registry import Adapter, register
 
-RANGE_STAMPED = 'uwb_ros/msg/RangeStamped'
-SENSOR_UWB = 'px4_msgs/msg/SensorUwb'
-NODE_FRAMES = {
-    f'{package}/msg/LinktrackNodeframe{number}': f'{package}/msg/LinktrackNode{row}'
-    for package in ('nlink_parser', 'nlink_parser_ros2_interfaces')
-    for number, row in ((2, 2), (3, 2), (5, 5))
+
+class Form(NamedTuple):
+    """
+    How messages of a type name their parts; an id is one number or several.
+
+    `row_type` is the type of their `nodes`; without any they have one range, beside the ids.
+    """
+
+    observer: tuple[str, ...]
+    target: tuple[str, ...]
+    distance: str
+    row_type: str = ''
+
+
+ROLE_AND_ID = ('role', 'id')
+FORMS = {
+    'uwb_ros/msg/RangeStamped': Form(('from_id',), ('to_id',), 'range'),
+    'px4_msgs/msg/SensorUwb': Form(('mac',), ('mac_dest',), 'distance'),
+    **{
+        f'{package}/msg/LinktrackNodeframe{number}': Form(
+            ROLE_AND_ID, ROLE_AND_ID, 'dis', f'{package}/msg/LinktrackNode{row}'
+        )
+        for package in ('nlink_parser', 'nlink_parser_ros2_interfaces')
+        for number, row in ((2, 2), (3, 2), (5, 5))
+    },
 }
 
 
@@ -77,91 +100,46 @@ class IdentifiedReading:
             )
 
 
-def range_stamped_from_message(message: Any) -> IdentifiedReading:
-    """Read a `uwb_ros/RangeStamped`; the ids are the numbers of the radios."""
+def _id_of(message: Any, fields: Sequence[str]) -> str:
+    """Return an id from the numbers that make it."""
+    return ':'.join(str(int(getattr(message, name))) for name in fields)
+
+
+def _set_id(message: Any, fields: Sequence[str], text: str) -> None:
+    for name, number in zip(fields, text.split(':'), strict=True):
+        setattr(message, name, int(number))
+
+
+def _read(form: Form, message: Any) -> IdentifiedReading:
+    """Read a message; a time in microseconds stands for a header, and some have neither."""
+    rows = message.nodes if form.row_type else [message]
+    stamp = {'stamp_s': 1e-6 * float(getattr(message, 'timestamp', 0.0))}
     return IdentifiedReading(
-        **header_of(message),
-        observer_id=str(int(message.from_id)),
-        target_ids=(str(int(message.to_id)),),
-        ranges_m=np.array([float(message.range)]),
+        **(header_of(message) if hasattr(message, 'header') else stamp),
+        observer_id=_id_of(message, form.observer),
+        target_ids=tuple(_id_of(row, form.target) for row in rows),
+        ranges_m=np.array([float(getattr(row, form.distance)) for row in rows]),
     )
 
 
-def range_stamped_to_message(reading: IdentifiedReading) -> Any:
-    """Write a `uwb_ros/RangeStamped`; raise ValueError if there is not exactly one target."""
-    message = message_class(RANGE_STAMPED)()
-    message.header = header_to_message(reading.stamp_s, reading.frame_id)
-    (target_id,), (range_m,) = reading.target_ids, reading.ranges_m
-    message.from_id, message.to_id = int(reading.observer_id), int(target_id)
-    message.range = float(range_m)
+def _write(type_name: str, form: Form, reading: IdentifiedReading) -> Any:
+    """Write a message; raise ValueError where it has one range and there is not one target."""
+    message = message_class(type_name)()
+    if hasattr(message, 'header'):
+        message.header = header_to_message(reading.stamp_s, reading.frame_id)
+    if hasattr(message, 'timestamp'):
+        message.timestamp = round(1e6 * reading.stamp_s)
+    _set_id(message, form.observer, reading.observer_id)
+    rows = [message]
+    if form.row_type:
+        rows = message.nodes = [message_class(form.row_type)() for _ in reading.target_ids]
+    for row, name, range_m in zip(rows, reading.target_ids, reading.ranges_m, strict=True):
+        _set_id(row, form.target, name)
+        setattr(row, form.distance, float(range_m))
     return message
 
 
-def sensor_uwb_from_message(message: Any) -> IdentifiedReading:
-    """
-    Read a `px4_msgs/SensorUwb`; the ids are the MAC addresses as decimal numbers.
-
-    The stamp counts microseconds since the flight controller started, or in ROS time where its
-    bridge synchronizes the clocks.
-    """
-    return IdentifiedReading(
-        stamp_s=1e-6 * float(message.timestamp),
-        observer_id=str(int(message.mac)),
-        target_ids=(str(int(message.mac_dest)),),
-        ranges_m=np.array([float(message.distance)]),
+for _name, _form in FORMS.items():
+    register(
+        Adapter(_name, IdentifiedReading, partial(_read, _form), partial(_write, _name, _form))
     )
-
-
-def sensor_uwb_to_message(reading: IdentifiedReading) -> Any:
-    """Write a `px4_msgs/SensorUwb`; raise ValueError if there is not exactly one target."""
-    message = message_class(SENSOR_UWB)()
-    message.timestamp = round(1e6 * reading.stamp_s)
-    (target_id,), (range_m,) = reading.target_ids, reading.ranges_m
-    message.mac, message.mac_dest = int(reading.observer_id), int(target_id)
-    message.distance = float(range_m)
-    return message
-
-
-def node_frame_from_message(message: Any) -> IdentifiedReading:
-    """
-    Read a `LinktrackNodeframe`; an id is ``ROLE:ID``, by the numbers in the message.
-
-    Not all of these frames have a header.
-    """
-    has_header = hasattr(message, 'header')
-    return IdentifiedReading(
-        **(header_of(message) if has_header else {'stamp_s': 0.0}),
-        observer_id=_role_and_id(message),
-        target_ids=tuple(_role_and_id(node) for node in message.nodes),
-        ranges_m=np.array([node.dis for node in message.nodes], dtype=float),
-    )
-
-
-def _role_and_id(message: Any) -> str:
-    return f'{int(message.role)}:{int(message.id)}'
-
-
-def node_frame_writer(type_name: str) -> Callable[[IdentifiedReading], Any]:
-    """Return the function that writes a `LinktrackNodeframe` of one type."""
-
-    def write(reading: IdentifiedReading) -> Any:
-        message = message_class(type_name)()
-        message.role, message.id = map(int, reading.observer_id.split(':'))
-        if hasattr(message, 'header'):
-            message.header = header_to_message(reading.stamp_s, reading.frame_id)
-        for target_id, range_m in zip(reading.target_ids, reading.ranges_m, strict=True):
-            node = message_class(NODE_FRAMES[type_name])()
-            node.role, node.id = map(int, target_id.split(':'))
-            node.dis = float(range_m)
-            message.nodes.append(node)
-        return message
-
-    return write
-
-
-for _type_name, _read, _write in (
-    (RANGE_STAMPED, range_stamped_from_message, range_stamped_to_message),
-    (SENSOR_UWB, sensor_uwb_from_message, sensor_uwb_to_message),
-    *((name, node_frame_from_message, node_frame_writer(name)) for name in NODE_FRAMES),
-):
-    register(Adapter(_type_name, IdentifiedReading, _read, _write))

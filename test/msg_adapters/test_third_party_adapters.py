@@ -178,5 +178,5 @@ def test_ranges_and_rays_must_be_as_many_as_ids():
 @pytest.mark.usefixtures('third_party_messages')
 @pytest.mark.parametrize('type_name', [RANGE_STAMPED, SENSOR_UWB])
 def test_range_message_of_several_targets_is_refused(type_name):
-    with pytest.raises(ValueError, match='too many values'):
+    with pytest.raises(ValueError, match='longer'):
         adapter_for(type_name).to_message(RANGES)
