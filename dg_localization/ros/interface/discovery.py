@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import permutations
 import re
-from string import Formatter
 from typing import Any
 
 from dg_localization.fleet import LinkKey, LinkKind
@@ -21,6 +20,8 @@ from dg_localization.ros.interface.links import (
     stated_offset,
 )
 from dg_localization.ros.interface.parameters.spec import refused
+
+FIELD = re.compile(r'{(.*?)}')
 
 
 @dataclass(frozen=True)
@@ -50,22 +51,18 @@ class Template:
 
     def check(self) -> None:
         """Raise ValueError unless the text holds each of `fields` once."""
-        try:
-            parsed = [part[1:] for part in Formatter().parse(self.text) if part[1] is not None]
-        except ValueError as error:
-            raise ValueError(f'it is no template: {error}') from None
         # A format, as in {robot:>9}, is no part of a name, and may ask for any length.
-        if sorted(parsed, key=str) != [(name, '', None) for name in sorted(self.fields)]:
+        if sorted(FIELD.findall(self.text)) != sorted(self.fields):
             wanted = ' and '.join(f'{{{name}}}' for name in self.fields)
             raise ValueError(f'it must hold {wanted} once, nothing else in braces, or be empty')
-        check_topic(self.text.format(**dict.fromkeys(self.fields, 'name')))
+        check_topic(FIELD.sub('name', self.text))
 
     def check_names(self, points: Iterable[str]) -> None:
         """Raise ValueError if two pairs of robots, anchors and sensors have the same topic."""
         if 'target' not in self.fields:
             return
         names = list(points)
-        _, between = (text for text, field, *_ in Formatter().parse(self.text) if field)
+        _, _, between, *_ = FIELD.split(self.text)
         if set(between) - set(''.join(names)):
             # What no name contains tells where one ends and the other begins.
             return
@@ -82,7 +79,7 @@ class Template:
     def resolved(self, resolve: Callable[[str], str]) -> 'Template':
         """Return the template with the full name, by a function from topics to full names."""
         # Braces are not allowed in the name of a topic.
-        text = resolve(re.sub(r'{(\w+)}', r'FIELD_\1_FIELD', self.text))
+        text = resolve(FIELD.sub(r'FIELD_\1_FIELD', self.text))
         return replace(self, text=re.sub(r'FIELD_(\w+?)_FIELD', r'{\1}', text))
 
     def link_of(self, topic: str, points: Iterable[str]) -> Link | None:
@@ -95,9 +92,11 @@ class Template:
         """
         known = '|'.join(re.escape(point) for point in points)
         ends = [(known, known), (known, ANY_NAME), (ANY_NAME, known)]
+        # Braces are escaped, too.
+        pattern = re.sub(r'\\{(\w+)\\}', r'(?P<\1>{\1})', re.escape(self.text))
         for observer, target in ends if 'target' in self.fields else ends[:1]:
-            names = {'observer': observer, 'target': target, 'robot': known}
-            match = self._pattern(names).fullmatch(topic)
+            named = pattern.format(observer=observer, target=target, robot=known)
+            match = re.fullmatch(named, topic)
             if match:
                 found = match.groupdict()
                 key = LinkKey(
@@ -108,13 +107,6 @@ class Template:
                 type_name = KINDS[self.kind].template_type
                 return Link(topic, type_name, key, overrides=self.overrides)
         return None
-
-    def _pattern(self, names: Mapping[str, str]) -> re.Pattern[str]:
-        parts = [
-            re.escape(literal) + (f'(?P<{name}>{names[name]})' if name else '')
-            for literal, name, _, _ in Formatter().parse(self.text)
-        ]
-        return re.compile(''.join(parts))
 
 
 def templates_from(
@@ -132,7 +124,7 @@ def templates_from(
             template = template.resolved(resolve)
             template.check_names(points)
             # With nothing in their braces equal, templates give the same topics.
-            first = found.setdefault(re.sub(r'{\w+}', '{}', template.text), template)
+            first = found.setdefault(FIELD.sub('{}', template.text), template)
             if first is not template:
                 raise ValueError(
                     f"its topics are those of '{first.kind}.topic', it must have topics of its own"
