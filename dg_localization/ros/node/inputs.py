@@ -42,13 +42,6 @@ class PolledGroup(CallbackGroup):
         """Return False: an executor does not wait for what may not be executed."""
         return False
 
-    def beginning_execution(self, entity: Any) -> bool:
-        """Return False."""
-        return False
-
-    def ending_execution(self, entity: Any) -> None:
-        """Do nothing."""
-
 
 class Inputs:
     """
