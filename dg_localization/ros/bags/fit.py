@@ -37,6 +37,10 @@ Pair: TypeAlias = tuple[str, str]
 """Observer and target; an empty name stands for all."""
 
 EVERYTHING: Pair = ('', '')
+
+Bounds: TypeAlias = dict[str, float]
+"""By the name of the parameter without its prefix."""
+
 GROUPS = ('link', 'sensor', 'all')
 UNITS = {LinkKind.RANGE: 'm', LinkKind.BEARING: 'rad'}
 # Readings of one link that are nearer in time are named together; at most `NAMED` times are named.
@@ -57,8 +61,7 @@ class GroupFit(NamedTuple):
 
     Attributes
     ----------
-    bounds : dict of str to float
-        By the name of the parameter without its prefix.
+    bounds : Bounds
     excluded : int
         How many of its readings they do not hold.
     text : str
@@ -66,7 +69,7 @@ class GroupFit(NamedTuple):
 
     """
 
-    bounds: dict[str, float]
+    bounds: Bounds
     excluded: int
     text: str
 
@@ -81,10 +84,10 @@ class LearnedBounds:
     groups : dict of LinkKind to dict of (str, str) to GroupFit
         Ranges and bearings, by observer and target: those of a sensor with an empty target, of
         all with empty names.
-    odometry : dict of str to float
-        By the name of the parameter without its prefix; of all robots.
-    robot_odometry : dict of str to dict of str to float
-        The same by robot.
+    odometry : Bounds
+        Of all robots.
+    robot_odometry : dict of str to Bounds
+        By robot.
     judged : frozenset of LinkKey
         The inputs of ranges and bearings that had a reading to learn from.
     is_widened : bool
@@ -97,8 +100,8 @@ class LearnedBounds:
     """
 
     groups: dict[LinkKind, dict[Pair, GroupFit]] = field(default_factory=dict)
-    odometry: dict[str, float] = field(default_factory=dict)
-    robot_odometry: dict[str, dict[str, float]] = field(default_factory=dict)
+    odometry: Bounds = field(default_factory=dict)
+    robot_odometry: dict[str, Bounds] = field(default_factory=dict)
     judged: frozenset[LinkKey] = frozenset()
     is_widened: bool = False
     offsets_s: dict[LinkKey, float] = field(default_factory=dict)
@@ -145,7 +148,7 @@ def _gathered(errors: Mapping[LinkKey, Errors], kind: LinkKind, per: str) -> dic
     }
 
 
-def bounds_of(model: Any, prefix: str) -> dict[str, float]:
+def bounds_of(model: Any, prefix: str) -> Bounds:
     """Return what is learned of a model by the names of the parameters; the rest stays stated."""
     numbers = {name: getattr(model, field) for name, field in fields_of(model, prefix).items()}
     learned = numbers.keys() - NOT_LEARNED

@@ -14,14 +14,14 @@ It is given to the node beside FILE, after it.
 
 import argparse
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 import tempfile
 
 from dg_localization.calibration.bounds import Choice
 from dg_localization.fleet import FleetConfig, LinkKind
 from dg_localization.ros.bags.bag import in_seconds, open_bag
-from dg_localization.ros.bags.fit import GROUPS, LearnedBounds, bounds_of, fit
+from dg_localization.ros.bags.fit import GROUPS, Bounds, LearnedBounds, bounds_of, fit
 from dg_localization.ros.bags.offline import Recording, Task, read_task
 from dg_localization.ros.bags.report import Tree
 from dg_localization.ros.bags.samples import Gatherer
@@ -128,17 +128,13 @@ def as_yaml(fit: LearnedBounds, links: Sequence[Link], bag: str, fleet: FleetCon
 
 def _link_text(fit: LearnedBounds, link: Link, fleet: FleetConfig) -> str:
     """Return a link that has bounds of its own or was named as such; else nothing."""
-    kinds = MEASURED.get(link.key.kind, ())
-    own: dict[str, float] = {}
-    for kind in kinds:
-        own |= _bounds_of(fit, kind, link, fleet)
+    bounds = dict(link.overrides)
+    for kind in MEASURED.get(link.key.kind, ()):
+        bounds |= _learned(fit, kind, link, fleet)
     if link.key in fit.offsets_s:
-        own[STAMP_OFFSET] = round(link.stamp_offset_s + fit.offsets_s[link.key], 4)
-    if not (own or link.explicit):
+        bounds[STAMP_OFFSET] = round(link.stamp_offset_s + fit.offsets_s[link.key], 4)
+    if bounds == link.overrides and not link.explicit:
         return ''
-    judged = {name for kind in kinds for name in KINDS[kind].bounds}
-    others = {name: value for name, value in link.overrides.items() if name not in judged}
-    bounds = {**others, **own}
     words = [link.topic, link.type_name, link.key.observer, link.key.target]
     words += [
         f'{name}={yaml_value(bounds[name])}'
@@ -148,21 +144,17 @@ def _link_text(fit: LearnedBounds, link: Link, fleet: FleetConfig) -> str:
     return ' '.join(filter(None, words))
 
 
-def _bounds_of(
-    fit: LearnedBounds, kind: LinkKind, link: Link, fleet: FleetConfig
-) -> dict[str, float]:
+def _learned(fit: LearnedBounds, kind: LinkKind, link: Link, fleet: FleetConfig) -> Bounds:
     """Return the bounds that a link needs to be given, of its ranges or of its bearings."""
-    stated = {name: value for name, value in link.overrides.items() if name in KINDS[kind].bounds}
     group = fit.group_of(kind, link.key.ends)
-    if group is None:
-        return stated
+    stated = {name: value for name, value in link.overrides.items() if name in KINDS[kind].bounds}
+    if group is None or (group is fit.of_all(kind) and not stated):
+        return {}
     # What it left to the bounds of all was that of the file before.
     whole = {**_of_fleet(kind, fleet), **stated}
     if _is_as_stated(fit, kind, link):
         return whole
-    if group is fit.of_all(kind) and not stated:
-        return {}
-    return _widest(whole, group.bounds) if fit.is_widened else {**stated, **group.bounds}
+    return _widest(whole, group.bounds) if fit.is_widened else group.bounds
 
 
 def _is_as_stated(fit: LearnedBounds, kind: LinkKind, link: Link) -> bool:
@@ -179,14 +171,14 @@ def _kept_links(fit: LearnedBounds, links: Iterable[Link]) -> Iterator[str]:
                 yield f'{link.topic} has no {kind.value} to learn from: its bounds stay as stated.'
 
 
-def _of_fleet(kind: LinkKind, fleet: FleetConfig) -> dict[str, float]:
+def _of_fleet(kind: LinkKind, fleet: FleetConfig) -> Bounds:
     """Return the bounds that are stated of all ranges or of all bearings."""
     if kind is LinkKind.BEARING:
         return {name: getattr(fleet, field) for name, field in BEARING_FIELDS.items()}
     return bounds_of(fleet.range_error, 'range.')
 
 
-def _widest(stated: Mapping[str, float], learned: Mapping[str, float]) -> dict[str, float]:
+def _widest(stated: Bounds, learned: Bounds) -> Bounds:
     """Return bounds that hold for whatever is within the stated or the learned ones."""
     return {
         name: (min if name.startswith('min_') else max)(value, learned.get(name, value))
