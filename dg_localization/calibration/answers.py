@@ -14,7 +14,6 @@ from dg_localization.calibration.truth import FloatArray, TrueTrack, without_hei
 from dg_localization.fleet import FixedFrame, FleetConfig, FrameKind, Placement
 from dg_localization.fleet.rotations import rotation_of_quaternion
 from dg_localization.fleet.snapshot import Snapshot
-from dg_localization.fleet.vocabulary import OdometrySample
 
 BoolArray = NDArray[np.bool_]
 
@@ -102,43 +101,27 @@ class FleetTruth:
         return [stamp_s for track in self.tracks.values() for stamp_s in track.span_s]
 
     def beside(self, frame: FixedFrame, snapshot: Snapshot) -> TruePlacement:
-        """Return the truth in the frame of an answer to a snapshot, at the time of both."""
-        odometry = None
-        if frame.kind is FrameKind.ODOMETRY:
-            odometry = snapshot.motion.newest(frame.points[0], snapshot.stamp_s)
-        return self.at(frame, snapshot.stamp_s, odometry)
-
-    def at(
-        self, frame: FixedFrame, stamp_s: float, odometry: OdometrySample | None = None
-    ) -> TruePlacement:
         """
-        Return where the robots truly were at a time, in the frame of an answer.
+        Return where the robots truly were, in the frame of an answer to a snapshot.
 
-        Parameters
-        ----------
-        frame : FixedFrame
-            That of the answer. The truth is taken to be in the coordinates of the anchors.
-        stamp_s : float
-            Time of the answer.
-        odometry : OdometrySample, optional
-            The newest one of the robot whose odometry frame it is: it is true in that frame.
-
+        The truth is taken to be in the coordinates of the anchors. The newest odometry of a robot
+        is true in its odometry frame.
         """
-        dimension = self.fleet.dimension
+        dimension, stamp_s = self.fleet.dimension, snapshot.stamp_s
         places, turns = self._poses(self.fleet.robots, stamp_s)
         origin_m, axes, offset_m = np.zeros(3), np.eye(3), np.zeros(3)
-        if frame.kind is not FrameKind.ANCHORS:
-            at_s = stamp_s if odometry is None else odometry.stamp_s
-            ends_m, bodies = self._poses(frame.points, at_s)
-            origin_m, axes = ends_m[0], bodies[0]
-        if frame.kind is FrameKind.ROBOTS:
-            axes = _axes_along(ends_m[1:] - origin_m)
-        elif frame.kind is FrameKind.ODOMETRY:
-            if odometry is None:
-                axes = np.full((3, 3), np.nan)
-            else:
-                axes = bodies[0] @ without_tilt(odometry.rotation[None], dimension)[0].T
+        if frame.kind is FrameKind.ODOMETRY:
+            odometry = snapshot.motion.newest(frame.points[0], stamp_s)
+            axes = np.full((3, 3), np.nan)
+            if odometry is not None:
+                (origin_m,), (body,) = self._poses(frame.points[:1], odometry.stamp_s)
+                axes = body @ without_tilt(odometry.rotation[None], dimension)[0].T
                 offset_m = odometry.position_in_frame_m
+        elif frame.kind is not FrameKind.ANCHORS:
+            ends_m, (axes, *_) = self._poses(frame.points, stamp_s)
+            origin_m = ends_m[0]
+            if frame.kind is FrameKind.ROBOTS:
+                axes = _axes_along(ends_m[1:] - origin_m)
         positions_m = (places - origin_m) @ axes + offset_m
         between_m = places[:, None, :dimension] - places[None, :, :dimension]
         return TruePlacement(

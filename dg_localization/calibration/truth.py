@@ -3,6 +3,8 @@
 
 """Where a robot truly was, between the samples of a ground truth."""
 
+from copy import copy
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -48,18 +50,23 @@ class TrueTrack:
         products = np.sum(quaternions[1:] * quaternions[:-1], axis=1)
         signs = np.cumprod(np.concatenate([[1.0], np.where(products < 0.0, -1.0, 1.0)]))
         self._quaternions = quaternions * signs[:, None]
+        # Of a place that is known at all times, and of a sensor that is carried.
+        self._is_at_rest, self._dimension, self._arm_m = False, 0, np.zeros(3)
 
     @classmethod
     def at_rest(cls, position_m: ArrayLike) -> 'TrueTrack':
         """Return the track of an anchor; its orientation is not known."""
         place = np.zeros(3)
         place[: np.size(position_m)] = position_m
-        return _AtRest([0.0], [place])
+        track = cls([0.0], [place])
+        track._is_at_rest = True
+        return track
 
     @property
     def span_s(self) -> tuple[float, ...]:
         """The first and the last stamp; nothing for what is known at all times."""
-        return (float(self._stamps_s[0]), float(self._stamps_s[-1]))
+        ends_s = self._stamps_s[[0, -1]].tolist()
+        return () if self._is_at_rest else tuple(ends_s)
 
     def carrying(self, arm_m: ArrayLike) -> 'TrueTrack':
         """
@@ -71,11 +78,17 @@ class TrueTrack:
             Its place in the body frame; in the plane roll and pitch do not move it.
 
         """
-        return _Carried(self, arm_m)
+        track = copy(self)
+        track._dimension = np.size(arm_m)
+        track._arm_m = np.append(arm_m, np.zeros(3 - track._dimension))
+        return track
 
     def positions_at(self, times_s: ArrayLike) -> FloatArray:
         """Return the positions at some times, shape (m, 3), NaN where not known."""
-        return self._between(self._positions_m, np.asarray(times_s, dtype=float))
+        found = self._between(self._positions_m, np.asarray(times_s, dtype=float))
+        if self._dimension:
+            found = found + without_tilt(self.rotations_at(times_s), self._dimension) @ self._arm_m
+        return found
 
     def rotations_at(self, times_s: ArrayLike) -> FloatArray:
         """Return the rotations from body to world, shape (m, 3, 3), NaN where not known."""
@@ -85,6 +98,8 @@ class TrueTrack:
 
     def _between(self, values: FloatArray, times_s: FloatArray) -> FloatArray:
         """Return the sample at each time, or interpolate between the two around it."""
+        if self._is_at_rest:
+            return np.repeat(values, len(times_s), axis=0)
         stamps = self._stamps_s
         after = np.minimum(np.searchsorted(stamps, times_s), len(stamps) - 1)
         before = np.maximum(after - 1, 0)
@@ -99,36 +114,6 @@ class TrueTrack:
         nearest = np.where(np.abs(since_s) < np.abs(until_s), before, after)
         same = np.abs(times_s - stamps[nearest]) <= SAME_TIME_S
         return np.where(same[:, None], values[nearest], found)
-
-
-class _AtRest(TrueTrack):
-    """A place that is known at all times."""
-
-    @property
-    def span_s(self) -> tuple[float, ...]:
-        return ()
-
-    def _between(self, values: FloatArray, times_s: FloatArray) -> FloatArray:
-        return np.repeat(values[:1], len(times_s), axis=0)
-
-
-class _Carried(TrueTrack):
-    """The track of a sensor that a robot carries."""
-
-    def __init__(self, robot: TrueTrack, arm_m: ArrayLike) -> None:
-        self._robot, self._arm_m, self._dimension = robot, np.zeros(3), np.size(arm_m)
-        self._arm_m[: self._dimension] = arm_m
-
-    @property
-    def span_s(self) -> tuple[float, ...]:
-        return self._robot.span_s
-
-    def positions_at(self, times_s: ArrayLike) -> FloatArray:
-        bodies = without_tilt(self.rotations_at(times_s), self._dimension)
-        return self._robot.positions_at(times_s) + bodies @ self._arm_m
-
-    def rotations_at(self, times_s: ArrayLike) -> FloatArray:
-        return self._robot.rotations_at(times_s)
 
 
 def without_heights(vectors_m: FloatArray, dimension: int) -> FloatArray:
