@@ -34,8 +34,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from visualization_msgs.msg import MarkerArray
 
-from dg_localization.calibration.answers import FleetTruth, TruePlacement
-from dg_localization.calibration.truth import TrueTrack
+from dg_localization.calibration.truth import FleetTruth, TruePlacement, TrueTrack
 from dg_localization.fleet import FixedFrame, FleetConfig, FrameKind
 from dg_localization.fleet.rotations import rotation_of_quaternion
 from dg_localization.fleet.vocabulary import OdometrySample

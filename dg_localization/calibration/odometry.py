@@ -23,7 +23,12 @@ from dg_localization.calibration.bounds import (
     n_kept,
     without_turns,
 )
-from dg_localization.calibration.truth import TrueTrack, without_heights, without_tilt
+from dg_localization.calibration.truth import (
+    TrueTrack,
+    angles_between,
+    without_heights,
+    without_tilt,
+)
 from dg_localization.fleet import FleetConfig
 from dg_localization.fleet.odometry_error import LEAST_SCALE, MOST_SCALE, OdometryErrorModel
 from dg_localization.fleet.vocabulary import OdometrySample
@@ -327,9 +332,3 @@ def _spans(stamps_s: FloatArray) -> tuple[IndexArray, IndexArray]:
 
 def _cumulative(steps: FloatArray) -> FloatArray:
     return np.concatenate([[0.0], np.cumsum(steps)])
-
-
-def angles_between(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Return the angles between rotations, shape (k,), from the lengths of their differences."""
-    lengths = np.linalg.norm(first - second, axis=(1, 2))
-    return np.asarray(2.0 * np.arcsin(np.minimum(1.0, lengths / np.sqrt(8.0))))

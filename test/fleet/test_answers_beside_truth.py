@@ -7,12 +7,9 @@ from histories import History, localizer_of
 import numpy as np
 import pytest
 
-from dg_localization.calibration.answers import FleetTruth
-from dg_localization.calibration.truth import TrueTrack
+from dg_localization.calibration.truth import FleetTruth, TrueTrack
 from dg_localization.fleet import FrameKind
-from dg_localization.fleet.rotations import (
-    quaternion_of,
-)
+from dg_localization.fleet.rotations import quaternion_of
 
 TICKS_S = np.arange(1.0, 6.0, 1.0)
 
@@ -50,10 +47,7 @@ def test_the_truth_is_put_in_every_kind_of_frame(dimension):
                 if answer.frame.kind == 'robots' and len(answer.frame.points) < dimension:
                     continue  # other axes are any
                 wanted_m, turns = history.truth(time_s, answer.frame)
-                newest = snapshot.motion.newest(answer.frame.points[0], estimate.stamp_s)
-                odometry = newest if answer.frame.kind is FrameKind.ODOMETRY else None
-                truth = FleetTruth(fleet, tracks)
-                found = truth.at(answer.frame, estimate.stamp_s, odometry)
+                found = FleetTruth(fleet, tracks).beside(answer.frame, snapshot)
                 # Samples of a time of 1.7e9 s are as far apart as its rounding.
                 close = {'rtol': 0.0, 'atol': 1e-5}
                 np.testing.assert_allclose(found.positions_m, wanted_m, **close)

@@ -11,8 +11,10 @@ import pytest
 
 pytest.importorskip('matplotlib', reason="matplotlib, the extra 'plots', is not installed")
 
-from dg_localization.calibration.answers import FleetTruth  # noqa: E402
-from dg_localization.calibration.truth import TrueTrack  # noqa: E402
+from dg_localization.calibration.truth import (
+    FleetTruth,  # noqa: E402
+    TrueTrack,  # noqa: E402
+)
 from dg_localization.fleet import FleetConfig, Localizer  # noqa: E402
 from dg_localization.ros.bags.picture import ERROR, HEADING, AnswerPicture  # noqa: E402
 

@@ -9,8 +9,7 @@ from types import SimpleNamespace
 from estimates import placement_at
 import numpy as np
 
-from dg_localization.calibration.answers import FleetTruth
-from dg_localization.calibration.truth import TrueTrack
+from dg_localization.calibration.truth import FleetTruth, TrueTrack
 from dg_localization.fleet import Estimate, FixedFrame, FleetConfig, FrameKind, Group
 from dg_localization.ros.bags.truth_tally import TruthTally
 

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.calibration.answers import FleetTruth
+from dg_localization.calibration.truth import FleetTruth
 from dg_localization.fleet import Estimate, FleetConfig, Placement
 from dg_localization.fleet.rotations import yaw_of
 from dg_localization.fleet.snapshot import Snapshot

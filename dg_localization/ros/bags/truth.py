@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from rclpy.serialization import deserialize_message
 
-from dg_localization.calibration.answers import FleetTruth
-from dg_localization.calibration.truth import TrueTrack
+from dg_localization.calibration.truth import FleetTruth, TrueTrack
 from dg_localization.fleet import FleetConfig
 from dg_localization.ros.bags.bag import Bag, BagError, in_seconds
 from dg_localization.ros.bags.reading import Reading

@@ -7,7 +7,7 @@ from collections import defaultdict
 
 import numpy as np
 
-from dg_localization.calibration.answers import FleetTruth, TruePlacement
+from dg_localization.calibration.truth import FleetTruth, TruePlacement
 from dg_localization.fleet import Estimate, FixedFrame, FrameKind, Group, Placement
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.ros.bags.report import Runs, Tree
