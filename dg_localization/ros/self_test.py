@@ -16,7 +16,6 @@ import time
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from dg_localization.fleet import solver_warnings, warm_up
@@ -111,11 +110,9 @@ def _observe(namespace: str) -> Observed:
     node.create_subscription(
         DiagnosticArray, '/diagnostics', lambda message: found.keep_diagnostics(message, name), 10
     )
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
     end_s = time.monotonic() + START_S
     while rclpy.ok() and time.monotonic() < end_s:
-        executor.spin_once(timeout_sec=0.1)
+        rclpy.spin_once(node, timeout_sec=0.1)
         if len(found.answers_s) == 1:
             found.heard.clear()
             end_s = found.answers_s[0][0] + MEASURE_S

@@ -289,12 +289,12 @@ def _robot_state(report: Report, row: int) -> tuple[Level, str]:
     estimate, robot = report.estimate, report.settings.fleet.robots[row]
     if report.trouble or report.late:
         return Level.WARN, report.trouble or report.late
-    group = None if estimate is None else _group_of(estimate, robot)
-    if group is not None:
+    if estimate is None:
+        return Level.WARN, 'no placement'
+    if group := _group_of(estimate, robot):
         return Level.WARN, f'not connected to the published frame: placed in {group.frame}'
-    if estimate is None or not estimate.placements:
-        conflicts = () if estimate is None else estimate.conflicts
-        if any(robot in robots_of(key) for conflict in conflicts for key in conflict):
+    if not estimate.placements:
+        if any(robot in robots_of(key) for conflict in estimate.conflicts for key in conflict):
             return Level.ERROR, 'no placement: measurements of this robot contradict each other'
         return Level.WARN, 'no placement'
     own_links = [link for link in estimate.links if robot in robots_of(link.key)]
