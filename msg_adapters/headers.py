@@ -89,7 +89,7 @@ def stamp_from_message(stamp: Any) -> float:
     Returns
     -------
     float
-        Seconds since the epoch of the clock; 0.0 for a header nobody filled in. Seconds below zero
+        Seconds since the epoch of the clock; 0.0 for an empty header. Seconds below zero
         are as the message states them: they are before any measurement that counts.
 
     Raises

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Messages of drivers that name who measured whom by ids of their own.
+Messages of drivers that name observer and targets by ids of their own.
 
 - uwb_ros/RangeStamped (MILUV): one range, with the ids of both radios;
 - px4_msgs/SensorUwb (PX4): one range, with the MAC addresses of both radios as decimal numbers.

@@ -113,7 +113,7 @@ class BearingReading:
 
 
 def bearing_from_message(message: Any) -> BearingReading:
-    """Read a `geometry_msgs/Vector3Stamped`; the ray is passed on as it is, even a zero one."""
+    """Read a `geometry_msgs/Vector3Stamped`; the ray is passed on unchanged, even a zero one."""
     return BearingReading(
         **header_of(message),
         ray_xyz=xyz_from_message(message.vector),

@@ -125,7 +125,7 @@ def odometry_windows(
     truth : TrueTrack
     dimension : {2, 3}, optional
         In the plane only headings turn, and heights, roll and pitch of the truth do not count.
-        A rise that odometry reports is a part of the way there, too, as it is to the localizer.
+        A reported rise still counts as a part of the way, as it does in the localizer.
     upright : bool, optional
         Whether the errors of roll and pitch are stated otherwise, so that those of turns are those
         of headings. Steps are seen from level frames then, as by the localizer: what wrong roll

@@ -61,7 +61,7 @@ def read_file(path: Path, damage: list[str]) -> Iterator[RawMessage]:
     """Yield the records up to the first damage that hides the next; add what is wrong."""
     try:
         yield from _read_mcap(path) if path.suffix == '.mcap' else _read_sqlite(path, damage)
-    except Exception as error:  # on damaged bytes whatever the parsers stumble over
+    except Exception as error:  # the parsers may raise anything on damaged bytes
         reason = str(error) or type(error).__name__
         damage.append(f'{path.name}: {reason}; what follows is not read')
 
@@ -166,7 +166,7 @@ class Topic:
         for text in dict.fromkeys(channel.offered_qos for channel in self.channels):
             try:
                 profiles += parse_qos(text)
-            except Exception:  # whatever its parser stumbles over
+            except Exception:  # its parser may raise anything
                 continue
         return tuple(profiles)
 
@@ -261,7 +261,7 @@ class Bag:
             names = {PurePath(str(name)).name for name in found['relative_file_paths']}
             topics = found['topics_with_message_count']
             counts = {str(t['topic_metadata']['name']): int(t['message_count']) for t in topics}
-        except Exception as error:  # of broken metadata whatever its parser stumbles over
+        except Exception as error:  # the parser may raise anything on broken metadata
             reason = ' '.join(str(error).split()) or type(error).__name__
             text = f'metadata.yaml cannot be used ({reason}): all files of the folder are read'
             self.notices.append(text)

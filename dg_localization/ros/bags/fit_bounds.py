@@ -179,7 +179,7 @@ def _of_fleet(kind: LinkKind, fleet: FleetConfig) -> Bounds:
 
 
 def _widest(stated: Bounds, learned: Bounds) -> Bounds:
-    """Return bounds that hold for whatever is within the stated or the learned ones."""
+    """Return the bounds that contain both the stated and the learned ones."""
     return {
         name: (min if name.startswith('min_') else max)(value, learned.get(name, value))
         for name, value in stated.items()

@@ -172,7 +172,7 @@ class Recording:
 
 
 class BagWriter:
-    """Writes serialized messages into a new bag; whatever ends the block, they are kept."""
+    """Writes serialized messages into a new bag, and keeps them where an exception ends it."""
 
     def __init__(self, path: Path) -> None:
         from rosbags.rosbag2 import StoragePlugin, Writer

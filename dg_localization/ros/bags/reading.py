@@ -155,7 +155,7 @@ class Reading:
                 continue
             try:
                 message = BagMessage(topic, time_ns, self._converters[topic](data))
-            except Exception:  # whatever the generated code of rosbags stumbles over
+            except Exception:  # the generated code of rosbags may raise anything
                 self.unreadable[topic] += 1
                 continue
             self._delivered[topic] += 1
@@ -178,7 +178,7 @@ def converter(topic: Topic) -> Callable[[bytes], bytes] | None:
         """Return how many of the first messages can be read by a definition."""
         count = 0
         for data in topic.samples:
-            with suppress(Exception):  # whatever the generated code of rosbags stumbles over
+            with suppress(Exception):  # the generated code of rosbags may raise anything
                 store.deserialize_cdr(decompressed(data), name)
                 count += 1
         return count
@@ -222,7 +222,7 @@ def _recorded(channel: Channel, type_name: str) -> Any:
             for part in filter(str.strip, channel.definition.split('=' * 80 + '\n')):
                 first, _, rest = part.partition('\n')
                 store.register(get_types_from_idl(rest if first[:4] == 'IDL:' else part))
-    except Exception:  # whatever the parsers stumble over
+    except Exception:  # the parsers may raise anything
         return None
     return store if type_name in store.fielddefs else None
 

@@ -61,7 +61,7 @@ class Replayer:
         self._clock = node.create_publisher(Clock, CLOCK, _qos(latched=False))
 
     def wait_for_subscribers(self, timeout_s: float) -> int:
-        """Wait until somebody listens and nobody new comes."""
+        """Wait until there are subscribers and no new ones come; return how many there are."""
         deadline_s = time.monotonic() + timeout_s
         count, since_s = 0, time.monotonic()
         while time.monotonic() < deadline_s:

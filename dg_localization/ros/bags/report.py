@@ -109,10 +109,10 @@ class Runs(list[Tree]):
 
 
 def inputs_tree(recording: Recording, intake: Intake, now_s: float) -> Tree:
-    """Return what every input delivered, and what of all was taken and rejected."""
+    """Return what each input delivered, and the sums over all inputs."""
     rows, links, states = [], recording.links.values(), intake.states(now_s)
     with_topic = {link.key for link in links}
-    # Messages that name their observer themselves are peers of whoever that is.
+    # Messages that name their observer count as peers of that robot.
     named = any(key.observer == ANY_OBSERVER for key in with_topic)
     accepted, rejected = 0, Counter[str]()
     for key in sorted({*states, *with_topic}):
@@ -232,7 +232,7 @@ def _over_time(tree: Tree) -> Iterator[str | Sheet]:
     yield Sheet(('contradiction', 'between'), rows)
     forgotten = spans(tree['forgotten'], 'why')
     yield Sheet(('forgotten because', 'at'), [(why, when) for (why,), when in forgotten.items()])
-    # Who is told the same at the same times has one row.
+    # Statuses with the same text at the same times share a row.
     names: dict[tuple[str, str], list[str]] = {}
     for (name, text), when in spans(tree['said'], 'status', 'message').items():
         names.setdefault((text, when), []).append(name)

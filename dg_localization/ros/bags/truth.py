@@ -107,7 +107,7 @@ def _read_topics(topics: Mapping[str, str], settings: Settings, bag: Bag, truth:
             stamp_s = stamp_from_message(decoded.header.stamp)
             # The pose of a message, with a covariance or without.
             poses = [getattr(decoded.pose, 'pose', decoded.pose)] if robot else decoded.poses
-        except Exception:  # on damaged bytes whatever the decoder raises
+        except Exception:  # the decoder may raise anything on damaged bytes
             reading.unreadable[message.topic] += 1
             continue
         if len(poses) != len(robots):

@@ -83,7 +83,7 @@ class TruthTally:
             self.counts['unlisted' if misses else 'held'] += 1
 
     def _missed_by(self, answer: Estimate | Group, snapshot: Snapshot) -> tuple[str, ...] | None:
-        """Return whom the placement that is nearest to the truth misses; None if that is open."""
+        """Return the robots outside the placement nearest to the truth; None if that is unknown."""
         assert answer.frame is not None, 'an answer with placements has a frame'
         truth = self._truth.beside(answer.frame, snapshot)
         if not truth.tells:
@@ -142,7 +142,7 @@ class TruthTally:
 
 
 def _distance_of(placement: Placement, truth: TruePlacement) -> tuple[int, float]:
-    """Return a measure of how near a placement is to the truth: whom it holds comes first."""
+    """Return how far a placement is from the truth: the robots outside of it, then meters."""
     errors_m = truth.point_errors_m(placement)
     worst_m = float(np.max(errors_m, initial=0.0, where=np.isfinite(errors_m)))
     return int(np.count_nonzero(truth.outside(placement))), worst_m

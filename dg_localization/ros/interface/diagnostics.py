@@ -23,7 +23,7 @@ from msg_adapters import Level, Status
 LISTED = 8
 # A smaller fraction of the wanted rate is worth a warning.
 TOLERATED_RATE = 0.9
-# A sensor that was among the suspects so often, and in half of all contradictions, is named.
+# A sensor is named that was among the suspects this often, and in half of all contradictions.
 LEAST_OFFENCES = 3
 
 LOCALIZED = Level.OK, 'localized: one hypothesis'
@@ -63,7 +63,7 @@ class Report:
     failure : str
         What went wrong inside when the last estimate failed; empty when none did.
     warnings : tuple of str
-        What an operator must know whatever the estimate is.
+        What an operator must know beside the state of the estimate.
     rejecting : mapping of LinkKey to str
         Inputs that have rejected most of their readings lately, with a sentence on why.
     rate_hz : float or None
@@ -346,8 +346,8 @@ def _input_statuses(report: Report) -> Iterator[Status]:
     """
     Yield a status for each input that was named one by one or has ever delivered.
 
-    Others come by the templates, and a topic may exist that nobody uses. Peers have a status
-    together, and each of them one of its own.
+    Others come by the templates, and their topics may exist without any publisher. The peers of an
+    input have one status together, and each of them has its own.
     """
     contradicting = set[LinkKey]()
     if report.estimate is not None:

@@ -4,9 +4,9 @@
 """
 From the bytes of messages to the ROS-free `Localizer`.
 
-Whoever is on the network may send anything, and an adapter may belong to somebody else. So a
-message is bounded in length before it is decoded, in rows before it is used, and whatever goes
-wrong on the way is counted and never raised.
+Any node on the network may send anything, and an adapter may be that of a user. So the length of
+a message is checked before it is decoded, its number of rows before it is used, and every failure
+on the way is counted and never raised.
 """
 
 from collections import deque
@@ -147,7 +147,7 @@ class Intake:
             return None
 
     def _read(self, link: Link, data: bytes) -> Any:
-        """Return the reading of a message, one of `KINDS`; it raises whatever is wrong with it."""
+        """Return the reading of a message; raise any exception if the message is wrong."""
         if len(data) > self._most_bytes:
             raise ValueError(
                 f'the message has {len(data)} bytes, for this fleet at most {self._most_bytes} '

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Links: which topic carries whose measurement of whom."""
+"""Links: which topic carries the measurements of which observer and target."""
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -40,7 +40,7 @@ NAMELESS = {PeersReading, PixelReading}
 
 # Stands for the observer in a link whose messages say who measured.
 ANY_OBSERVER = '*'
-# So many topics and ids that nothing names are shown, and as many as the fleet has points.
+# How many topics and ids of unknown points are counted; more if the fleet has more points.
 STRANGERS = 16
 ANY_NAME = '[A-Za-z][A-Za-z0-9_]*'
 
@@ -115,7 +115,7 @@ class Link:
     type_name : str
         Its message type, one that has an adapter.
     key : LinkKey
-        What is measured, by whom, of whom; identity comes from here, never from a `frame_id`.
+        What is measured, the observer and the target, which are never taken from a `frame_id`.
     explicit : bool
         Whether it was named one by one, so that its silence is worth a warning.
     overrides : mapping of str to float

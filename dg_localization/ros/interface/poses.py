@@ -22,8 +22,8 @@ from dg_localization.fleet.vocabulary import OdometrySample
 from msg_adapters import PoseList, UncertainPose
 from msg_adapters.poses import Transform
 
-# ROS has no unknown orientation. A zero quaternion is none at all, viewers accept it as such, and
-# nobody can take it for a heading.
+# ROS has no unknown orientation. A zero quaternion is no rotation: viewers accept it, and no one
+# can take it for a heading.
 UNKNOWN_ORIENTATION = np.zeros(4)
 IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
 # ROS has no unknown covariance either. A filter gives no weight to a variance of this size, in

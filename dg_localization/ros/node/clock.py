@@ -12,7 +12,7 @@ import time
 from dg_localization.ros.interface.diagnostics import TOLERATED_RATE
 
 PERIODS = round(1.0 / (1.0 - TOLERATED_RATE))
-"""In so many periods the rate is tolerated still where one event is missing."""
+"""Over this many periods a rate with one missing event is still tolerated."""
 
 WINDOW_S = 5.0
 """A rate is that of the last seconds at least: one late event in them is no lower rate."""

@@ -37,7 +37,7 @@ BEGINNING = re.compile(r'[^:;,0-9]*')
 """What is wrong, of a message that goes on with names and numbers."""
 
 LOOKS_BETWEEN = 5
-"""A fleet that comes and goes is logged once in this many looks at most."""
+"""A state that changes all the time is logged at most once in this many looks."""
 
 
 def transition(method: Callable[[N], None]) -> Callable[..., TransitionCallbackReturn]:
@@ -59,7 +59,7 @@ def changed_state(callback: Callable[[Any, Any], Any], request: Any, response: A
     """
     Answer a request of a transition; one that the present state does not have is refused.
 
-    rclpy raises, and whoever asks, such as a lifecycle manager, waits for an answer for ever.
+    rclpy raises, and the client, such as a lifecycle manager, would wait for an answer for ever.
     """
     try:
         return callback(request, response)

@@ -185,7 +185,7 @@ class LocalizerNode(ManagedNode):
             self._forget('parameters have changed')
 
     def _on_message(self, link: Link, data: bytes, waited_s: float) -> None:
-        """Take one measurement; whatever is wrong with it is counted, never raised."""
+        """Take one measurement; one that is wrong is counted, and raises nothing."""
         now_s = self._now_s()
         arrived_s = self._time.arrived_s(waited_s)
         if now_s is None or arrived_s is None:

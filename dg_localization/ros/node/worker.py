@@ -22,8 +22,8 @@ CLOSE_S = 2.0
 # The solver uses every processor, in threads that inherit the priority of this one. Without this,
 # messages wait for a turn among them and are lost (benchmarks/notes/reliability.md).
 NICENESS = 5
-# An estimate that takes so many times its limits, and at least so long, may never end: solves,
-# memories and explanations are limited one by one.
+# An estimate that takes this many times its limits, and at least this long, may never end. The
+# limits of solves, memories and explanations are added up.
 PATIENCE, PATIENCE_S = 5.0, 10.0
 
 
@@ -39,7 +39,7 @@ class EstimateWorker(Generic[A]):
     Parameters
     ----------
     estimate : callable
-        Called with a snapshot and an event that is set when nobody wants the answer any more.
+        Called with a snapshot and an event that is set when the answer is not wanted any more.
     wake : callable
         Called without arguments from the worker's thread when an answer can be taken; never
         after `cancel` or `close`.

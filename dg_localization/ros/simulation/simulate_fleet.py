@@ -104,7 +104,7 @@ class SimulatedFleet:
         rays = self._sensors.bearings(state) if values['cameras'] else {}
         points = (*simulation.ROBOTS, *self._sensors.landmarks_m)
         for observer in simulation.ROBOTS if values['peers'] else ():
-            # Even one that measured nobody has a message.
+            # A robot that measured no other sends a message without rows.
             pairs = [(observer, target) for target in points]
             measured = [pair for pair in pairs if pair in ranges_m or pair in rays]
             together = PeersReading(

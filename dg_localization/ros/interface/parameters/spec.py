@@ -155,7 +155,7 @@ class Spec:
             type=self.type.value,
             read_only=read_only,
         )
-        # ROS takes .nan to be out of every range; `check` knows better.
+        # For ROS .nan is outside of every range, so `check` has to compare these.
         has_more = self.list_of or self.may_be_nan or self.may_be_negative
         if has_more or math.isinf(self.at_least) and math.isinf(self.at_most):
             return descriptor
@@ -199,7 +199,7 @@ def checked(specs: Specs, given: Mapping[str, Any]) -> dict[str, Any]:
 def refuse_unknown(given: Iterable[str], known: Collection[str], hint: Hint = close_name) -> None:
     """Raise `WrongParameterError`, with a hint, where a name that is given is not known."""
     for name in given:
-        # rclpy declares those of /clock, /parameter_events and /rosout by whatever name they have.
+        # rclpy declares these for /clock, /parameter_events and /rosout, which may be remapped.
         if name not in known and not name.startswith('qos_overrides.'):
             raise WrongParameterError(f"parameter '{name}' is unknown{hint(name, known)}")
 
