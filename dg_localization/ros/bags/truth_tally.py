@@ -83,7 +83,7 @@ class TruthTally:
             self.counts['unlisted' if misses else 'held'] += 1
 
     def _missed_by(self, answer: Estimate | Group, snapshot: Snapshot) -> tuple[str, ...] | None:
-        """Return the robots outside the placement nearest to the truth; None if that is unknown."""
+        """Return the robots outside the placement nearest to the truth, None if it is open."""
         assert answer.frame is not None, 'an answer with placements has a frame'
         truth = self._truth.beside(answer.frame, snapshot)
         if not truth.tells:
