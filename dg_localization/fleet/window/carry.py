@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Observations of a window, carried to the time of a snapshot by the odometry of both ends.
+Observations of a window, carried to the time of a snapshot by the odometry of both bodies.
 
-The bodies are the robots, by their indices, and the world with all anchors. A robot without
-odometry is left out: how far it may have moved soon says nothing.
+The bodies are the robots, by index, and the world, which holds all anchors. Robots without
+odometry are left out: bounds of their motion by speed alone soon become useless.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from dg_localization.poses import NO_RAY_RAD, Cover, PairReadings, PastPoses
 
 
 class Tilt(NamedTuple):
-    """The rotation from the body frame of a robot to its level frame, and its greatest error."""
+    """The rotation from the body frame of a robot to its level frame, and a bound of its error."""
 
     rotation: NDArray[np.float64]
     error_rad: float
@@ -40,9 +40,9 @@ class Tilt(NamedTuple):
 
 class CarriedWindow:
     """
-    What the pairs of bodies observed of each other, seen from where both are now.
+    The observations between pairs of bodies, carried to the poses of both now.
 
-    `tables` are their observations, newest first.
+    `tables` holds the observations of each pair, newest first.
     """
 
     def __init__(
@@ -63,14 +63,14 @@ class CarriedWindow:
                 )
                 table = Table.of(seen, by_second, points, references)
                 if pair[0] == WORLD and not by_second:
-                    # How an anchor is turned is not known.
+                    # The orientation of an anchor is unknown.
                     table.errors_rad[:] = NO_RAY_RAD
                 parts.setdefault(pair, []).append(table)
         self.tables = {
             pair: Table.joined(some).newest_first() for pair, some in sorted(parts.items())
         }
         self._paths: dict[int, OdometryPath] = {}
-        # For all observations of a robot, seen from where it is or from its track.
+        # Past poses at all observations of a robot, seen from its pose now or from its track.
         self._past: dict[tuple[int, bool], PastPoses] = {}
         observing = {body for pair in self.tables for body in pair} - {WORLD}
         # The times of all observations of a robot, ascending.
@@ -103,9 +103,9 @@ class CarriedWindow:
 
     def near_pairs(self, most: int, newest_s: float) -> tuple[Pair, ...]:
         """
-        Return the pairs of each robot and the `most` others that were nearest at last.
+        Return the pairs of each robot with the `most` robots that were nearest last.
 
-        Only those that observed each other in the `newest_s` before now.
+        Only pairs that observed each other in the last `newest_s` seconds count.
         """
         robots = self._pairs_of_robots(newest_s)
         robots.sort(key=lambda pair: float(self.tables[pair].upper_m[0]))
@@ -118,15 +118,15 @@ class CarriedWindow:
         return tuple(near)
 
     def links_among(self, keys: Iterable[LinkKey]) -> frozenset[LinkKey]:
-        """Return the links between bodies whose motions are known: all that can be remembered."""
+        """Return the links between bodies with known motion: only these can be remembered."""
         return frozenset(key for key in keys if self._pair_of(*key.ends) is not None)
 
     def pairs_apart(self, keys: Iterable[LinkKey], newest_s: float) -> tuple[Pair, ...]:
         """
-        Return the pairs of robots that links do not connect, not even by other robots or anchors.
+        Return the pairs of robots that no chain of links connects, over robots or anchors.
 
-        Only those that observed each other in the `newest_s` before now. A robot that observed
-        anchors in the window counts as connected to them.
+        Only pairs that observed each other in the last `newest_s` seconds count. A robot that
+        observed anchors in the window counts as connected to them.
         """
         config = self._config
         robots = {name: robot for robot, name in enumerate(config.robots)}
@@ -143,7 +143,7 @@ class CarriedWindow:
         )
 
     def span_s(self, pair: Pair, newest_s: float = math.inf) -> float:
-        """Return the age of the oldest observation of a pair in the `newest_s` before now."""
+        """Return the age of the oldest observation of a pair in the last `newest_s` seconds."""
         stamps_s = self.stamps_s(pair)
         oldest_s = stamps_s[stamps_s >= self._now_s - newest_s].min(initial=self._now_s)
         return float(self._now_s - oldest_s)
@@ -154,11 +154,11 @@ class CarriedWindow:
 
     def fixes_place(self, pair: Pair, chosen: NDArray[np.intp] | slice = slice(None)) -> bool:
         """
-        Return whether some observations of a pair, were they exact, leave finitely many places.
+        Return whether observations of a pair would leave finitely many places if they were exact.
 
-        A turn about one point of the first body changes no range to it and no ray towards it. So
-        there have to be two such points, or a ray from the first body, and as many different
-        measurements as a pose has coordinates.
+        A rotation about one point of the first body changes no range to it and no ray towards it.
+        So the observations must use two such points, or a ray from the first body, and as many
+        different measurements as a pose has coordinates.
         """
         if pair not in self.tables:
             return False
@@ -174,7 +174,7 @@ class CarriedWindow:
         sensors = np.unique(heard.points[heard.points == heard.references])
         points = np.concatenate([ranges[:, 0], sights[:, 0], beacons[:, 0]])
         if pair[0] == WORLD:
-            # Those above each other are as one: a turn about the upright axis.
+            # Points above each other count once: both may lie on the vertical axis of a rotation.
             points = self._places.lower[points, :2]
         apart = len(np.unique(points, axis=0)) > 1 or bool(np.any(sights[:, 2] == 0))
         count = len(ranges) + len(sights) * (1 if in_plane else 2)
@@ -190,10 +190,10 @@ class CarriedWindow:
         on_tracks: bool = False,
     ) -> PairReadings:
         """
-        Return the observations of a pair in the `newest_s` before now, newest first.
+        Return the observations of a pair within the last `newest_s` seconds, newest first.
 
-        At most `most`, spread in time. They are seen from where both bodies are, or from where
-        their tracks are.
+        At most `most` are returned, spread in time. They are relative to the poses of both bodies
+        now, or to those of their tracks.
         """
         first, second = pair
         seen = self.tables[pair]
@@ -231,11 +231,11 @@ class CarriedWindow:
         )
 
     def off_tracks(self, pair: Pair, cover: Cover) -> Cover:
-        """Return the poses of a pair now, by those of their tracks."""
+        """Return the poses of a pair now from the poses of its tracks."""
         first, second = pair
         step, ball_m, back = self.path(second).off_track(self._now_s), 0.0, None
         if first != WORLD:
-            # A turn about the origin of the first leaves a ball as it is.
+            # A rotation about the origin of the first body maps the ball to itself.
             off = self.path(first).off_track(self._now_s)
             ball_m, back = off.ball_m, PastPoses(off.pose.position_m, -off.pose.yaw_rad)
         in_plane = self._config.dimension == 2
@@ -243,12 +243,12 @@ class CarriedWindow:
         return cover.unbounded() if moved is None else moved
 
     def tilt(self, robot: int) -> Tilt:
-        """Return roll and pitch of a robot now."""
+        """Return the tilt (roll and pitch) of a robot now."""
         rotations, errors_rad = self.path(robot).tilts([self._now_s])
         return Tilt(rotations[0], float(errors_rad[0]))
 
     def _pairs_of_robots(self, newest_s: float) -> list[Pair]:
-        """Return the pairs of robots that observed each other in the `newest_s` before now."""
+        """Return the pairs of robots that observed each other in the last `newest_s` seconds."""
         oldest_s = self._now_s - newest_s
         return [
             pair
@@ -257,25 +257,25 @@ class CarriedWindow:
         ]
 
     def _pair_of(self, observer: str, target: str) -> Pair | None:
-        """Return the bodies of two points; None where both are one or a motion is not known."""
+        """Return the bodies of two points; None if they are equal or a motion is unknown."""
         first, second = self._body_of(observer), self._body_of(target)
         if first is None or second is None or first == second:
             return None
         return min(first, second), max(first, second)
 
     def _body_of(self, point: str) -> int | None:
-        """Return the body of a point; None where the motion is not known."""
+        """Return the body of a point; None if its motion is unknown."""
         config = self._config
         robot = config.robot_of(point)
         if robot in config.anchors:
-            # How a parked robot is turned is not known.
+            # The orientation of a parked robot is unknown.
             return WORLD if robot == point else None
         if not (self._motion.odometry.get(robot) and config.is_upright(robot)):
             return None
         return self._index[robot]
 
     def _past_of(self, robot: int, seen: Table, on_tracks: bool) -> PastPoses:
-        """Return where a robot was at the times of some of its observations."""
+        """Return the poses of a robot at the times of some of its observations."""
         stamps_s, key = self._stamps[robot], (robot, on_tracks)
         if key not in self._past:
             path = self.path(robot)
@@ -286,14 +286,14 @@ class CarriedWindow:
     def _leveled_rays(
         self, robot: int, seen: Table
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return rays of a robot in its level frames, in which rays in the plane are."""
+        """Return the rays of a robot in its level frames; rays in the plane are level already."""
         if self._config.dimension == 2:
             return seen.rays, seen.errors_rad
         return self.path(robot).leveled_rays(seen.stamps_s, seen.rays, seen.errors_rad)
 
     @cached_property
     def _places(self) -> Interval:
-        """The places of the anchors, by their points, shape (n, 3)."""
+        """The places of the anchors by index of their points, shape (n, 3)."""
         lower, upper = np.zeros((2, len(self._config.points), 3))
         for point, box in self._anchors.boxes.items():
             lower[point, : box.lower.size], upper[point, : box.upper.size] = box.lower, box.upper
@@ -302,12 +302,12 @@ class CarriedWindow:
     def _placed(
         self, seen: Table, points: NDArray[np.int64], end: int, poses: PastPoses | None
     ) -> Interval:
-        """Return points of one end, shape (m, 3), by past poses of its body, or of the world."""
+        """Return the points of one body, shape (m, 3), by its past poses; the world has none."""
         own = points[:, end]
         places = self._places[own] if poses is None else self._points(own, seen.stamps_s, poses)
         if not self._config.elevations_m:
             return places
-        # Ranges in the plane are of it already, differences are in space.
+        # Ranges are projected to the plane already; range differences are not.
         raised, names = seen.differences, self._config.points
         heights_m = np.array([self._config.elevation_m(names[point]) for point in own[raised]])
         lower, upper = places.lower.copy(), places.upper.copy()
@@ -317,7 +317,7 @@ class CarriedWindow:
     def _points(
         self, points: NDArray[np.int64], stamps_s: NDArray[np.float64], poses: PastPoses
     ) -> Interval:
-        """Return where points of a robot were in some past poses, shape (m, 3)."""
+        """Return the places of points of a robot at its past poses, shape (m, 3)."""
         config = self._config
         names = [config.points[point] for point in points] if config.sensors else []
         if config.sensors.keys().isdisjoint(names):

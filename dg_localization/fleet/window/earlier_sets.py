@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Earlier pose sets: what was known of two bodies, carried to now by odometry, is one more factor.
+Earlier pose sets: the poses of two bodies at an earlier time, carried to now by odometry.
 
-Seen from now, the errors of the odometry count anew for each old reading. An earlier set was made
-where these readings were young, and is carried from there in one step: so new readings cut it, and
-not all that there is. A set lives for `FleetConfig.memory_s`, while the next one grows beside it:
-what is older has no effect, unless nothing newer bounds the pose. Gaps without readings do not
-age a set. So no body is lost in one, for as long as odometry arrives.
+To carry each old reading to now adds the error of the odometry to every one of them. An earlier
+set was made when these readings were new and is carried in one step, and only new readings cut
+it. A set lives for `FleetConfig.memory_s` while the next one is built beside it: older readings
+have no effect, unless no newer ones bound the pose. Gaps without readings do not age a set, so
+a body is not lost in a gap as long as odometry arrives.
 """
 
 from __future__ import annotations
@@ -29,25 +29,25 @@ from dg_localization.fleet.window.memory import WORLD, Pair
 from dg_localization.poses import Cover, PairOptions, PairReadings, cover_poses
 
 STEPS = 30
-"""In a memory: after one of these a set is replaced by the newer one that was made with it."""
+"""Steps per memory span. After one step, a set is replaced by the one carried on from it."""
 
 OVERLAP = 0.25
 """
-Of the memory: readings that cut again what they have cut where the bodies were before. With a
-third, sets of MRCLAM are 2.235 m wide in place of 2.228.
+Fraction of the memory: readings of this span before a set cut it once more after it is carried.
+With a third, sets of MRCLAM are 2.235 m wide instead of 2.228.
 """
 
 START = 1.0 / 9.0
-"""Of the memory: the readings that a set starts from, which is to live for the rest of it."""
+"""Fraction of the memory: a set starts from the readings of this span and lives for the rest."""
 
 MOST_CARRIED = 40
-"""Boxes of a set that is carried. With 60, an answer of MRCLAM takes 125 ms in place of 119."""
+"""Boxes of a carried set. With 60, an answer of MRCLAM takes 125 ms instead of 119."""
 
 
 @dataclass(frozen=True)
 class EarlierSet:
     """
-    The poses of the tracks of two bodies at a time, by all that they observed since another.
+    The poses of the tracks of two bodies at a time, by all observations since an earlier time.
 
     Parameters
     ----------
@@ -55,12 +55,12 @@ class EarlierSet:
         Older observations have no effect.
     stamp_s : float
     samples_s : tuple of float
-        The stamps of the samples of the odometries at which the tracks are; NaN of the world.
+        The stamps of the odometry samples at which the tracks are; NaN for the world.
     cover : Cover
     fixed : bool
-        Whether its observations, without errors, would leave finitely many places.
+        Whether its observations would leave finitely many places if they were exact.
     lived_s : float
-        For how long observations came.
+        The time during which observations arrived.
 
     """
 
@@ -74,14 +74,14 @@ class EarlierSet:
 
 class EarlierSets:
     """
-    The earlier sets of all pairs of bodies, the oldest first, in the thread of the estimates.
+    The earlier sets of all pairs of bodies, oldest first; used by the estimation thread only.
 
     Attributes
     ----------
     doubts : Doubts
-        Which pairs of bodies contradict themselves.
+        The pairs of bodies whose observations contradict each other.
     likely : dict of str to LikelyPose
-        The likeliest poses of robots among anchors.
+        The likeliest poses of the robots among the anchors.
 
     """
 
@@ -98,7 +98,7 @@ class EarlierSets:
         return frozenset(pair for pair, known in self._sets.items() if known)
 
     def copied(self) -> EarlierSets:
-        """Return the same sets; what changes one does not change the other."""
+        """Return a copy with independent sets and doubts."""
         other = copy(self)
         other.doubts = self.doubts.copied()
         other._before, other._sets = dict(self._before), dict(self._sets)
@@ -109,11 +109,10 @@ class EarlierSets:
         self, snapshot: Snapshot, pair: Pair, options: PairOptions, stopped: Callable[[], bool]
     ) -> tuple[Cover, bool] | None:
         """
-        Return the poses of the tracks of a pair now, by its readings and earlier sets.
+        Return the poses of the tracks of a pair now, and whether its places are fixed.
 
-        And whether these, without errors, would leave finitely many places.
-
-        None where there is no earlier set: then all readings together tell as much.
+        Places are fixed if the readings would leave finitely many of them if they were exact.
+        Return None if no earlier set can be carried to now: all readings give as much then.
         """
         self._before[pair] = self._sets.get(pair, ())
         step = _Step(snapshot, pair, options, stopped)
@@ -126,7 +125,7 @@ class EarlierSets:
             return None
         newest = self._newest.get(pair)
         if newest and newest.since_s == known[0].since_s and not step.is_due(known[0]):
-            # Where nothing was measured since, odometry alone carries it on.
+            # Without new measurements odometry alone carries the set on.
             carried = step.carried(newest) if step.is_still(newest) else None
             if carried is not None:
                 return carried, newest.fixed
@@ -138,7 +137,7 @@ class EarlierSets:
         if step.is_due(known[0]):
             younger = [found for one in known[1:] if (found := step.taken(one)) is not None]
             if not younger and known[0].lived_s > 0.5 * memory_s:
-                # Where answers are rare, by all readings since the last one.
+                # If answers are rare, use all readings since the last one.
                 after_s = min(snapshot.stamp_s - START * memory_s, self._before[pair][0].stamp_s)
                 younger += step.started(after_s)
             known = [oldest, *younger]
@@ -146,13 +145,13 @@ class EarlierSets:
         return oldest.cover, oldest.fixed
 
     def set_back(self, pair: Pair) -> None:
-        """Undo the last `place` of a pair: what it measured since is in doubt."""
+        """Undo the last `place` of a pair: its newest readings are in doubt."""
         self._newest.pop(pair, None)
         if pair in self._before:
             self._sets[pair] = self._before[pair]
 
     def forget(self, config: FleetConfig, forgotten: Iterable[Forgotten]) -> None:
-        """Drop the sets that know of observations that are forgotten."""
+        """Drop the sets that used forgotten observations."""
         for item in forgotten:
             bodies = {frozenset(map(config.robot_of, ends)) for ends in item.ends}
             for pair, known in self._sets.items():
@@ -166,14 +165,14 @@ class EarlierSets:
 
 
 def _are_of(config: FleetConfig, pair: Pair, bodies: frozenset[str]) -> bool:
-    """Return whether two bodies, by their names, are those of a pair."""
+    """Return whether two bodies, given by name, are the bodies of a pair."""
     names = [config.robots[body] for body in pair if body != WORLD]
     others = bodies.difference(names)
     return bodies.issuperset(names) and (others <= config.anchors.keys())
 
 
 class _Step:
-    """The way of a pair of bodies from an earlier time to that of a snapshot."""
+    """The step of the sets of a pair from an earlier time to the time of a snapshot."""
 
     def __init__(
         self, snapshot: Snapshot, pair: Pair, options: PairOptions, stopped: Callable[[], bool]
@@ -187,7 +186,7 @@ class _Step:
         self.stamps_s = self._carried.stamps_s(pair)
 
     def goes_on(self, known: EarlierSet) -> bool:
-        """Return whether a set is of the past, and all odometry since then is known."""
+        """Return whether a set is of the past and both odometries still hold its samples."""
         there = [
             path is None or bool(np.any(path.stamps_s == sample_s))
             for path, sample_s in zip(self._paths, known.samples_s, strict=True)
@@ -195,18 +194,18 @@ class _Step:
         return all(there) and known.stamp_s <= self._now_s
 
     def is_due(self, known: EarlierSet) -> bool:
-        """Return whether it is time for a newer set: without new readings it is no better."""
+        """Return whether a newer set is due: later if no new readings would improve it."""
         age_s = self._now_s - known.stamp_s
         if not np.any(self.stamps_s > known.stamp_s):
             return age_s >= 2.0 * self.overlap_s
         return age_s >= self._step_s
 
     def is_still(self, known: EarlierSet) -> bool:
-        """Return whether a set of the past goes on, and no reading is newer."""
+        """Return whether a set can be carried on and no reading is newer than it."""
         return self.goes_on(known) and not np.any(self.stamps_s > known.stamp_s)
 
     def started(self, after_s: float) -> tuple[EarlierSet, ...]:
-        """Return a set by readings after a time alone, if they bound the pose."""
+        """Return a set made from the readings after a time, if they bound the pose."""
         height_m = (0.0, 0.0) if self._in_plane else (-math.inf, math.inf)
         chosen = np.flatnonzero(self.stamps_s > after_s)
         if len(chosen) <= self._options.max_outliers:
@@ -224,7 +223,7 @@ class _Step:
         """
         Return a set at the time of the snapshot, cut by the readings since and some before.
 
-        None where odometry does not bound the way.
+        Return None if odometry does not bound the motion.
         """
         carried = self.carried(known)
         if carried is None:
@@ -241,7 +240,7 @@ class _Step:
         return self._now(known.since_s, cover, fixed, lived_s)
 
     def _measured_seconds(self, after_s: float) -> float:
-        """Return the time since `after_s`, without gaps in which no observation came."""
+        """Return the time since `after_s`, without a gap before the first new observation."""
         is_new = self.stamps_s > after_s
         before_s = float(self.stamps_s[~is_new].max(initial=-math.inf))
         begins_s = float(self.stamps_s[is_new].min(initial=self._now_s))
@@ -249,7 +248,7 @@ class _Step:
         return self._now_s - after_s - max(0.0, gap_s)
 
     def carried(self, known: EarlierSet) -> Cover | None:
-        """Return a set at the time of the snapshot, None where odometry does not bound the way."""
+        """Return a set at the time of the snapshot; None if odometry does not bound the motion."""
         (first, second), (first_s, second_s) = self._paths, known.samples_s
         assert second is not None
         ahead = second.track_step(second_s, self._now_s)
@@ -257,7 +256,7 @@ class _Step:
         return known.cover.carried(ahead.pose, ahead.ball_m, back, self._in_plane)
 
     def _now(self, since_s: float, cover: Cover, fixed: bool, lived_s: float) -> EarlierSet:
-        """Return a set of poses of the tracks now."""
+        """Return a set of track poses at the time of the snapshot."""
         samples_s = [
             math.nan if path is None else path.sample_s(self._now_s) for path in self._paths
         ]
@@ -265,5 +264,5 @@ class _Step:
 
     @cached_property
     def _readings(self) -> PairReadings:
-        """All readings of the window, seen from the tracks now."""
+        """All readings of the window, relative to the tracks now."""
         return self._carried.readings(self._pair, on_tracks=True)

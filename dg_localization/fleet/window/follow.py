@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""From one estimate to the next: hypotheses keep their numbers, what is forgotten stays so."""
+"""State between estimates: numbers of hypotheses, forgotten observations, earlier pose sets."""
 
 from __future__ import annotations
 
@@ -37,24 +37,24 @@ class Framed:
 
 class Follower:
     """
-    What estimates leave to the next one.
+    The state that one estimate leaves to the next.
 
-    An estimate changes a copy of its own, so that one that fails, or is overtaken by a later one,
-    leaves nothing half done.
+    Each estimate changes its own copy, so that an estimate that fails, or is overtaken by a later
+    one, leaves nothing half done.
 
     Parameters
     ----------
     numbers : iterator of int, optional
-        Of hypotheses that are new; all copies take theirs from it.
+        The numbers of new hypotheses, shared by all copies.
     frame : FixedFrame, optional
-        Of the estimate before.
+        The frame of the estimate before.
 
     Attributes
     ----------
     forgotten : mapping of (str, str) to tuple of (float, float)
-        Spans of observations that are not remembered.
+        Spans of forgotten observations.
     left_out : mapping of (str, str) to float
-        Up to when observations do not count as measurements of the moment.
+        Times up to which observations are left out of the measurements of the moment.
     earlier : EarlierSets
         Pose sets that are carried from estimate to estimate.
 
@@ -65,7 +65,7 @@ class Follower:
     ) -> None:
         self._numbers = count(1) if numbers is None else numbers
         self._frame = frame
-        # The placements of the last estimate, numbered, and its time.
+        # The numbered placements of the last estimate, and its time.
         self._last: tuple[Framed, ...] = ()
         self._last_s = 0.0
         self.forgotten: Spans = {}
@@ -77,18 +77,18 @@ class Follower:
         self.earlier = EarlierSets()
 
     def started_anew(self) -> Follower:
-        """Return one that knows no hypothesis; numbers are not used again."""
+        """Return a follower without hypotheses; their numbers are not used again."""
         return Follower(self._numbers, self._frame)
 
     def copied(self) -> Follower:
-        """Return one that knows the same; what changes one does not change the other."""
+        """Return an independent copy."""
         other = copy(self)
         other._standing_frame, other._record = copy(self._standing_frame), copy(self._record)
         other.earlier = self.earlier.copied()
         return other
 
     def proved_for(self, snapshot: Snapshot) -> tuple[Proved, ...]:
-        """Return what the estimate before proved, unless that is out of memory or of later."""
+        """Return the proved bounds of the estimate before, unless too old or in the future."""
         longest_s = chain_seconds(snapshot.config)
         return tuple(
             proved
@@ -98,29 +98,28 @@ class Follower:
 
     def forget(self, snapshot: Snapshot, estimate: Estimate) -> None:
         """
-        Forget what an estimate says has to be forgotten.
+        Forget the observations that an estimate names.
 
-        That counts where an estimate was cancelled, too: its sets have gone on.
+        This also holds for a cancelled estimate: its sets have been carried on.
         """
         oldest_s = snapshot.stamp_s - snapshot.config.memory_s
         if self._last_s > snapshot.stamp_s:
-            # The clock was set back: what is left out is of another time.
+            # The clock was set back: these times mean nothing any more.
             self.forgotten, self.left_out = {}, {}
         self.forgotten = also_forgotten(self.forgotten, estimate.forgotten, oldest_s)
         self.left_out = left_out_until_s(self.left_out, estimate.forgotten)
         self.earlier.forget(snapshot.config, estimate.forgotten)
         if estimate.forgotten:
-            # What was proved before may rest on what is forgotten.
+            # Proved bounds may rest on the forgotten observations.
             self._proved = ()
 
     def follow(
         self, snapshot: Snapshot, estimate: Estimate, proved: tuple[Proved, ...]
     ) -> Estimate:
         """
-        Return an estimate as it goes on from the one before, and keep what it proved.
+        Return an estimate that continues the one before, and keep its proved bounds.
 
-        Its hypotheses have their numbers, and a frame other than that of the estimate before is
-        announced.
+        The hypotheses get their numbers, and a change of the frame is announced.
         """
         suspected = estimate.suspected_sensors, estimate.suspects_in_window
         self._record.add(snapshot.stamp_s, snapshot.config.memory_s, *suspected)
@@ -141,7 +140,7 @@ class Follower:
         )
 
     def _numbered(self, snapshot: Snapshot, estimate: Estimate) -> Estimate:
-        """Return an estimate with the numbers of its hypotheses."""
+        """Return an estimate with numbers for its hypotheses."""
         listed = _listed(estimate)
         pairs = matches(snapshot, self._last_s, self._last, listed)
         numbered = []
@@ -154,7 +153,7 @@ class Follower:
 
 
 def _listed(estimate: Estimate) -> list[Framed]:
-    """Return the placements of an estimate, those of its groups last."""
+    """Return the placements of an estimate, followed by the placements of its groups."""
     groups = (
         (Framed(placement, group.frame) for placement in group.placements)
         for group in estimate.groups
@@ -164,7 +163,7 @@ def _listed(estimate: Estimate) -> list[Framed]:
 
 
 def _with_placements(estimate: Estimate, placements: list[Placement]) -> Estimate:
-    """Return an estimate with other placements, those of its groups last."""
+    """Return an estimate with replaced placements, in the order of `_listed`."""
     rest = iter(placements)
     main = tuple(next(rest) for _ in estimate.placements)
     groups = tuple(
@@ -178,12 +177,12 @@ def matches(
     snapshot: Snapshot, before_s: float, before: Sequence[Framed], now: Sequence[Framed]
 ) -> dict[int, int]:
     """
-    Match placements with those they go on from.
+    Match placements with the earlier placements that they continue.
 
-    Two can be of one hypothesis where the distances of now are those of before, as far as the
-    robots can have moved. Of these, positions that differ least go together, in the frame of the
-    anchors. Any other frame moves with the fleet: there the shapes are compared, and a mirror
-    image is another shape.
+    Two placements can belong to one hypothesis if their distances agree within the greatest motion
+    of the robots. Of these, the placements whose positions differ least are matched. Positions are
+    compared in the frame of the anchors only. Any other frame moves with the fleet: there the
+    shapes are compared, and a mirror image is another shape.
     """
     moved_m = np.array(
         [
@@ -206,12 +205,12 @@ def matches(
 
 
 def _difference_m2(before: Framed, now: Framed, slack_m: FloatArray) -> float:
-    """Return the mean square by which positions differ; infinite where they are not of one."""
+    """Return the mean squared difference of positions; infinite if the hypotheses differ."""
     old, new = before.placement, now.placement
     meet = (old.lower_m - slack_m <= new.upper_m) & (new.lower_m <= old.upper_m + slack_m)
     placed = [np.isfinite(one.positions_m).all(axis=1) for one in (old, new)]
     shared = placed[0] & placed[1]
-    # They have more than one robot in common, or all of one.
+    # They share at least two robots, or all robots of one of them.
     fewest = min(int(one.sum()) for one in placed)
     if not meet.all() or shared.sum() < min(max(fewest, 1), 2):
         return math.inf

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What of a window contradicts itself, or what is measured now, and is forgotten therefore."""
+"""Observations to forget because they contradict each other or the readings of now."""
 
 from __future__ import annotations
 
@@ -19,32 +19,32 @@ from dg_localization.fleet.window.memory import WORLD, Ends, Pair, Spans
 
 LONGEST_DOUBT_S = 2.0
 """
-Measurements that contradict what was measured before for longer than this are no burst of wrong
-ones: then what was measured before is forgotten.
+If new measurements contradict the older ones for longer than this, they are no burst of outliers:
+the older ones are forgotten.
 """
 
 CONFIRMING = 3
-"""A doubt ends after this many measurements that agree with those before."""
+"""A doubt ends after this many new measurements that agree with the older ones."""
 
 
 @dataclass(frozen=True)
 class Forgotten:
     """
-    Observations that are not used any more.
+    Observations that are no longer used.
 
     Parameters
     ----------
     ends : frozenset of (str, str)
-        The points that observed each other, in either order.
+        Pairs of points that observed each other, in either order.
     before_s : float
         Observations up to this time are forgotten.
     text : str
-        Why.
+        The reason.
     after_s : float
-        Observations up to this time are not.
+        Observations up to this time are kept.
     now_too : bool
-        Whether all up to `before_s` do not count as measurements of the moment, either: which of
-        those that contradict each other are wrong is not known.
+        Whether observations up to `before_s` are also left out of the measurements of the moment,
+        because it is not known which of the contradicting ones are wrong.
 
     """
 
@@ -72,7 +72,7 @@ def ends_of(config: FleetConfig, pairs: Iterable[Pair]) -> frozenset[Ends]:
 
 
 def also_forgotten(known: Spans, more: Iterable[Forgotten], oldest_s: float = -math.inf) -> Spans:
-    """Return which observations are forgotten, with some more, without those that are older."""
+    """Return the spans of forgotten observations, with `more`, without spans before `oldest_s`."""
     spans = {
         ends: kept
         for ends, some in known.items()
@@ -90,7 +90,7 @@ def also_forgotten(known: Spans, more: Iterable[Forgotten], oldest_s: float = -m
 def left_out_until_s(
     known: Mapping[Ends, float], more: Iterable[Forgotten]
 ) -> Mapping[Ends, float]:
-    """Return up to when observations do not count at the moment, either, with some more."""
+    """Return the times up to which observations are left out of the moment, updated by `more`."""
     stamps = dict(known)
     for forgotten in more:
         for ends in forgotten.ends if forgotten.now_too else ():
@@ -99,7 +99,7 @@ def left_out_until_s(
 
 
 def without(snapshot: Snapshot, forgotten: Collection[Forgotten]) -> Snapshot:
-    """Return what is left of a snapshot where some observations are forgotten."""
+    """Return a snapshot without the forgotten observations."""
     if not forgotten:
         return snapshot
     left_out = left_out_until_s({}, forgotten)
@@ -109,14 +109,14 @@ def without(snapshot: Snapshot, forgotten: Collection[Forgotten]) -> Snapshot:
 @dataclass(frozen=True)
 class _Doubt:
     """
-    When what two bodies observed contradicted what they had observed before.
+    The times at which new observations of two bodies contradicted their older ones.
 
     Attributes
     ----------
     since_s, last_s : float
         The first and the last time.
     agreed_since : bool
-        Whether newer observations agree since the last time, if too few to end the doubt.
+        Whether newer observations agreed since then, but too few to end the doubt.
 
     """
 
@@ -127,14 +127,14 @@ class _Doubt:
 
 class Doubts:
     """
-    Which pairs of bodies contradict themselves, from estimate to estimate.
+    The pairs of bodies whose observations contradict each other, from estimate to estimate.
 
-    Where the observations of a pair leave no pose, the newest of them are wrong, or the older
-    ones, or an odometry. While that is open nothing is said of the pair, and nothing old is
-    forgotten. Newer observations decide it.
+    If the observations of a pair leave no pose, the newest ones, the older ones or an odometry
+    are wrong. Until newer observations decide which, the pair gets no pose and no old observation
+    is forgotten.
 
-    A robot that contradicts what it and the anchors measured is in doubt itself: its odometry may
-    be wrong, which carries all that it measured.
+    If the pair is a robot and the anchors, the robot itself is in doubt: its odometry may be
+    wrong, and that odometry carries all its observations.
     """
 
     def __init__(self) -> None:
@@ -142,13 +142,13 @@ class Doubts:
         self._doubts: dict[Pair, _Doubt] = {}
 
     def copied(self) -> Doubts:
-        """Return the same doubts; what changes one does not change the other."""
+        """Return an independent copy."""
         other = Doubts()
         other._agreed_s, other._doubts = dict(self._agreed_s), dict(self._doubts)
         return other
 
     def keep(self, pairs: Collection[Pair], now_s: float) -> None:
-        """Drop what is known of other pairs, and of times to come: the clock was set back."""
+        """Drop other pairs, and times in the future: the clock was set back."""
         self._agreed_s = {
             pair: agreed_s
             for pair, agreed_s in self._agreed_s.items()
@@ -166,9 +166,9 @@ class Doubts:
 
     def contradicted(self, pair: Pair, now_s: float) -> float:
         """
-        Note that what a pair observed contradicts itself, and return when it agreed last.
+        Record that the observations of a pair contradict each other; return when they last agreed.
 
-        That is -inf where it never did, or where all is to be forgotten.
+        The result is -inf if they never agreed, or if all of them are to be forgotten.
         """
         agreed_s = self._agreed_s.get(pair, math.inf)
         doubt = self._doubts.get(pair)
@@ -190,14 +190,14 @@ class Doubts:
         self, pair: Pair, stamps_s: NDArray[np.float64], now_s: float, complete: bool
     ) -> bool:
         """
-        Return whether a pair that does not contradict itself is in no doubt, and note it.
+        Record that a pair has agreeing observations; return whether it is free of doubt.
 
         `stamps_s` are the times of its observations; `complete` says that all were tried.
         """
         doubt = self._doubts.get(pair)
         if doubt is not None:
             newer = int(np.count_nonzero(stamps_s > doubt.last_s))
-            # Where there is never time to try all of them, none has contradicted for long enough.
+            # If time never suffices to try all, it is enough that none contradicted for so long.
             tried = complete or now_s - doubt.last_s > LONGEST_DOUBT_S
             if newer < CONFIRMING or not tried:
                 self._doubts[pair] = replace(doubt, agreed_since=newer > 0)

@@ -4,7 +4,7 @@
 """
 The memory: observations of the last seconds, thinned to a bounded number.
 
-Of each pair of bodies they make a table.
+A `Table` holds the observations of a pair of bodies as arrays.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from dg_localization.fleet.vocabulary import DistanceReading, RayReading
 from dg_localization.poses import NO_RAY_RAD
 
 MOST_OBSERVATIONS = 300
-"""Of one observer and one target: more of them tell little more."""
+"""The limit for one observer and one target: more observations add little information."""
 
 STAMP_S = attrgetter('stamp_s')
 
@@ -34,7 +34,7 @@ Ends: TypeAlias = tuple[str, str]
 """The names of an observer and its target."""
 
 Span: TypeAlias = tuple[float, float]
-"""Stamps after the first time, up to the second."""
+"""Two times: stamps after the first, up to and including the second."""
 
 
 Spans: TypeAlias = Mapping[Ends, tuple[Span, ...]]
@@ -50,7 +50,7 @@ Pair = tuple[int, int]
 
 class Observation(NamedTuple):
     """
-    What one sensor said of one target at one time.
+    The readings of one sensor of one target at one time.
 
     Parameters
     ----------
@@ -58,11 +58,11 @@ class Observation(NamedTuple):
     lower_m, upper_m : float
         Bounds of the distance.
     half_width_rad : float
-        Greatest angle between the direction and the true one; infinite where none was measured.
+        Bound of the angle between the direction and the true one; infinite if none was measured.
     least_m, most_m : float
-        Bounds of a range difference; infinite where none was measured.
+        Bounds of a range difference; infinite if none was measured.
     likeliest_m : float
-        The likeliest distance; NaN where none was measured.
+        The likeliest distance; NaN if none was measured.
     expected_error_rad : float
         The likeliest error of the direction about the vertical axis.
     direction : numpy.ndarray, shape (3,)
@@ -101,12 +101,12 @@ class Observation(NamedTuple):
 @dataclass(frozen=True)
 class Window:
     """
-    The observations of the last seconds, as they were when a snapshot was taken.
+    The observations of the last seconds at the time of a snapshot.
 
     Parameters
     ----------
     observations : mapping of tuple of str to tuple of Observation
-        By observer and target, and the reference of range differences.
+        By observer and target, and by reference for range differences.
 
     """
 
@@ -115,7 +115,7 @@ class Window:
     )
 
     def without(self, forgotten: Spans) -> Window:
-        """Return this without what is forgotten between some points."""
+        """Return the window without forgotten observations."""
         left = {}
         for points, seen in self.observations.items():
             ends = points[0], points[1]
@@ -135,7 +135,7 @@ class Memory:
     """
     Keeps observations for `FleetConfig.memory_s`, the first of each short time slot.
 
-    To leave an observation out is always sound.
+    Leaving out an observation is always sound.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ class Memory:
         if self._memory_s <= 0.0:
             return
         if self._newest_s > now_s + self._max_future_s:
-            # Time has jumped back: what is kept is of another time.
+            # Time has jumped back: the stored stamps mean nothing any more.
             self._observations.clear()
             self._newest_s = -math.inf
         if isinstance(reading, DistanceReading) and reading.lower_m > reading.upper_m:
@@ -178,7 +178,7 @@ class Memory:
                 del kept[outdated]
 
     def view(self, now_s: float, forgotten: Spans) -> Window:
-        """Return what is remembered at a time."""
+        """Return the observations remembered at a time, without forgotten ones."""
         if self._memory_s <= 0.0:
             return NO_WINDOW
         found = {}
@@ -193,9 +193,9 @@ class Memory:
 
 class Table(NamedTuple):
     """
-    Observations of pairs as arrays; points are those of the two bodies.
+    Observations of a pair as arrays; `points` are the points on the first and second body.
 
-    The references are the same, but with that of a range difference in place of the target.
+    `references` equals `points`, with the reference of a range difference in place of its target.
     """
 
     seen_by_second: NDArray[np.bool_]
@@ -215,7 +215,7 @@ class Table(NamedTuple):
     def of(
         cls, seen: Sequence[Observation], by_second: bool, points: Pair, references: Pair
     ) -> Table:
-        """Return a table of what one point observed of another."""
+        """Return a table of the observations between two points."""
         count = len(seen)
         rays = np.array([one.direction for one in seen], dtype=float)
         shared = (np.tile(value, (count, 1)) for value in (points, references))
@@ -238,7 +238,7 @@ class Table(NamedTuple):
         return np.flatnonzero(np.isfinite(self.most_m))
 
     def newest_first(self) -> Table:
-        """Return the rows in the order of their times."""
+        """Return the rows sorted by time, newest first."""
         return self.some(np.argsort(-self.stamps_s, kind='stable'))
 
     def some(self, index: slice | NDArray[np.int64]) -> Table:

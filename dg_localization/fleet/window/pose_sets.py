@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Pose sets in use: where robots are among the anchors, and how far from each other."""
+"""Pose sets of robots among the anchors and relative to each other, by the window."""
 
 from __future__ import annotations
 
@@ -36,18 +36,18 @@ MOST_BOXES = 1000
 @dataclass(frozen=True)
 class PoseSets:
     """
-    Where robots are, by a window.
+    Pose sets of robots by a window.
 
     Parameters
     ----------
     sets : mapping of (int, int) to Cover
-        By pair of bodies, in the frame of the first; those that bound the position of the second.
+        The sets that bound the position of the second body of a pair, in the frame of the first.
     of_whole_memory : bool
-        Whether some know all that is remembered, and not its younger part alone.
+        Whether a set uses the whole memory, not only its newer part.
     of_moment : mapping of int to Cover
-        By robot without a set of the window, by its ranges and rays of the moment alone.
+        Sets of robots without a set of the window, by ranges and rays of the moment alone.
     loose : frozenset of (int, int)
-        The pairs of bodies whose places would be a continuum without errors, too.
+        The pairs whose places would be a continuum even with exact readings.
 
     """
 
@@ -63,9 +63,9 @@ class PoseSets:
 
     def distances(self, snapshot: Snapshot) -> Iterator[tuple[PairBounds, bool]]:
         """
-        Yield pairs of points with bounds of their squared distance in m^2, and which are loose.
+        Yield pairs of points, bounds of their squared distances in m^2, and whether each is loose.
 
-        A few anchors fix each place: what a cover knows beyond that narrows the answer afterwards.
+        Distances to a few anchors suffice: the cover itself narrows the answer afterwards.
         """
         boxes, used = snapshot.anchors.boxes, snapshot.anchors.spanning
         origin = Interval.point(np.zeros(snapshot.config.dimension))
@@ -87,13 +87,13 @@ def place_robots(
     earlier: EarlierSets,
 ) -> tuple[PoseSets, tuple[Forgotten, ...]]:
     """
-    Return the pose sets of all robots that observed anchors in a window, and what is forgotten.
+    Return the pose sets of robots that observed anchors in a window, and what to forget.
 
-    The pose sets of robots that observed each other are made, too, where nothing that is measured
-    now connects the two, and of two robots without anchors. Where outliers are tolerated, and not
-    both are placed, they are always: no single reading can be trusted then. They add nothing else.
-    `time_of` divides the time that is left by the number of sets. What robots observed of each
-    other counts for `newest_s`; `earlier` sets go on to now.
+    Two robots that observed each other get a pose set in three cases: no measurement of now
+    connects them; they are the whole fleet and there are no anchors; or outliers are tolerated, so
+    that no single reading can be trusted, and not both robots are placed. `time_of` divides the
+    remaining time by a number of sets. Observations of robots that are apart count for `newest_s`;
+    `earlier` sets are carried to now.
     """
     carried = snapshot.carried
     anchored = bool(snapshot.anchors.cores)
@@ -130,7 +130,7 @@ def place_robots(
         else:
             is_new = not earlier.doubts.about(pair)
             agreed_s = earlier.doubts.contradicted(pair, snapshot.stamp_s)
-            # What came late may be as old as this.
+            # Late readings may be as old as this.
             after_s = agreed_s - snapshot.config.max_age_s
             forgotten.append(_what_contradicts(snapshot, pair, found.since_s, after_s))
             if pair[0] == WORLD and (is_new or agreed_s == -math.inf):
@@ -143,10 +143,10 @@ def place_robots(
 
 def place_by_moment(snapshot: Snapshot, placed: Collection[int]) -> dict[int, Cover]:
     """
-    Return where robots in the plane that see anchors are, without odometry.
+    Return the poses of robots in the plane that see anchors, without odometry.
 
-    The sensors of a robot count together, and rays to anchors that it does not range. The robots
-    in `placed` are left out, and those whose measurements contradict each other or bound nothing.
+    All sensors of a robot are combined, with rays to anchors that it does not range. Robots in
+    `placed`, and robots whose measurements contradict each other or bound nothing, are left out.
     """
     config = snapshot.config
     if config.dimension != 2 or not snapshot.anchors.boxes:
@@ -163,7 +163,7 @@ def place_by_moment(snapshot: Snapshot, placed: Collection[int]) -> dict[int, Co
 
 
 def _readings_of_moment(snapshot: Snapshot, robot: str) -> PairReadings | None:
-    """Return what a robot measures of anchors now; None where it sees none of them."""
+    """Return the readings between a robot and anchors now; None if it sees no anchor."""
     config, now_s = snapshot.config, snapshot.stamp_s
     rows = {name: row for row, name in enumerate(config.points)}
     anchors = {name: snapshot.anchors.boxes.get(rows[name]) for name in config.anchors}
@@ -191,12 +191,12 @@ def _readings_of_moment(snapshot: Snapshot, robot: str) -> PairReadings | None:
 @dataclass(frozen=True)
 class _Contradiction:
     """
-    What a pair observed leaves no pose.
+    The observations of a pair leave no pose.
 
     Parameters
     ----------
     since_s : float or None
-        What is newer contradicts what is not; None where it is not known when that begins.
+        Newer observations contradict those up to this time; None if the time is unknown.
 
     """
 
@@ -211,9 +211,9 @@ def _place(
     stopped: Callable[[], bool],
 ) -> tuple[Cover, bool] | _Contradiction | None:
     """
-    Return the poses of a pair now, and whether what they follow from fixes their places.
+    Return the poses of a pair now, and whether its readings fix the places if they are exact.
 
-    None where the window has no reading and odometry does not carry an earlier set to now.
+    Return None if the window has no reading and odometry does not carry an earlier set to now.
     """
     carried, in_plane = snapshot.carried, snapshot.config.dimension == 2
     options = PairOptions(snapshot.config.window_outliers, RESOLUTION_M, MOST_BOXES)
@@ -230,7 +230,7 @@ def _place(
     cover = cover_poses(readings, options, height_m=height_m, stopped=stopped)
     if cover.empty:
         agreeing = count_agreeing(readings, options, height_m=height_m, stopped=stopped)
-        # A brief look may not show what a longer one does.
+        # The count may be cut short, and then show no contradiction.
         shown = agreeing < len(readings)
         return _Contradiction(float(carried.stamps_s(pair)[agreeing]) if shown else None)
     if followed is not None:
@@ -247,7 +247,7 @@ def _unless_contradicted(
     """
     Return the poses of a pair, unless a range of the moment agrees with none of them.
 
-    The window does not hold all ranges of a sensor that is faster than its time slots.
+    The window does not hold all ranges of a sensor that is faster than the time slots.
     """
     config, anchors = snapshot.config, snapshot.anchors
     if pair[0] != WORLD or config.window_outliers > 0:
@@ -268,7 +268,7 @@ def _unless_contradicted(
 
 
 def _squared_distances_m2(cover: Cover, places: list[Interval]) -> tuple[list[float], list[float]]:
-    """Return bounds of the squared distances of all poses of a cover from places, each (q,)."""
+    """Return bounds of the squared distances from all poses of a cover to places of shape (q,)."""
     there = Interval.stack(places, axis=0)
     q = there.lower.shape[1]
     boxes = Interval(cover.boxes[:, 0, :q], cover.boxes[:, 1, :q])
@@ -280,7 +280,7 @@ def _squared_distances_m2(cover: Cover, places: list[Interval]) -> tuple[list[fl
 def _what_contradicts(
     snapshot: Snapshot, pair: Pair, since_s: float | None, after_s: float
 ) -> Forgotten:
-    """Return what to forget where observations of a pair up to a time contradict newer ones."""
+    """Return what to forget when observations of a pair up to a time contradict newer ones."""
     robots, now_s = snapshot.config.robots, snapshot.stamp_s
     first, second = pair
     name = 'the anchors' if first == WORLD else robots[first]
@@ -301,7 +301,7 @@ def _what_contradicts(
 def _what_odometry_carries(
     snapshot: Snapshot, robot: int, agreed_s: float, now_too: bool
 ) -> Forgotten:
-    """Return what to forget of robots where the odometry of one may be wrong, or to leave out."""
+    """Return the observations between robots to forget, or to leave out, if odometry is wrong."""
     robots, now_s = snapshot.config.robots, snapshot.stamp_s
     others = [other for other in robots if other != robots[robot]]
     return Forgotten(

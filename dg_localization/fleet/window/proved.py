@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What was proved of the robots is carried on by odometry, and holds for the next estimate, too.
+Proved placements of an earlier estimate, carried to now by odometry, narrow the next estimate.
 
-Where robots are in line a mirror image looks like the truth. Odometry tells where the robots of an
-earlier estimate are now, and so whether a placement of now can go on from one of then.
+If robots are in line, a mirror image looks like the truth. Odometry bounds where the robots of an
+earlier estimate are now, and so whether a placement of now can continue an earlier one.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ FloatArray = NDArray[np.float64]
 
 WINDOW_SHARE = 0.5
 """
-Of the memory, for what robots measured of each other. An estimate proves something of the next
-one for the rest of it: nothing older than the memory has any effect.
+Fraction of the memory in which observations between robots count. Proved placements are used for
+the rest of the memory: nothing older than the memory has any effect.
 """
 
 
@@ -44,10 +44,10 @@ class Proved:
     ----------
     placements : tuple of Placement
     frame : FixedFrame
-        Of their coordinates.
+        The frame of their coordinates.
     stamp_s : float
     since_s : float
-        The first estimate of a chain, of which each used the one before.
+        The time of the first estimate of a chain in which each estimate used the one before.
 
     """
 
@@ -67,7 +67,7 @@ class PoseBounds:
     enclosure_m : numpy.ndarray, shape (n, 2, 2)
         Lower and upper corners.
     arcs_rad : numpy.ndarray, shape (n, 2)
-        Of the headings, counterclockwise from the first to the second.
+        Arcs of the headings, counterclockwise from the first angle to the second.
 
     """
 
@@ -97,7 +97,7 @@ class CarriedPlacements:
         self._seen: dict[FixedFrame, tuple[Interval, Interval]] = {}
 
     def around(self, placement: Placement, frame: FixedFrame) -> PoseBounds | None:
-        """Return what a placement shares with all that it can go on from; None if with none."""
+        """Return the bounds of a placement within the carried ones; None if it continues none."""
         own = PoseBounds(placement.enclosure_m, heading_arcs(placement))
         if not self._seen_in(frame):
             return own
@@ -106,7 +106,7 @@ class CarriedPlacements:
         return _hull_in_common(own, *self._seen[frame])
 
     def _seen_in(self, frame: FixedFrame) -> bool:
-        """Return whether the earlier estimate bounds poses in a frame of now."""
+        """Return whether the carried poses can be expressed in a frame of now."""
         if FrameKind.ANCHORS in (frame.kind, self._frame.kind):
             return frame.kind is self._frame.kind
         return all(point in self._robots for point in frame.points)
@@ -117,7 +117,7 @@ class CarriedPlacements:
         if frame.kind is FrameKind.ANCHORS:
             return position, yaw
         origin = self._robots.index(frame.points[0])
-        # What is not known minus what is not known is no number, and not known either.
+        # Infinity minus infinity is NaN, which counts as unknown below.
         with np.errstate(invalid='ignore'):
             position = position - position[:, origin, None]
         position.lower[:, origin] = position.upper[:, origin] = 0.0
@@ -138,7 +138,7 @@ class CarriedPlacements:
 
 
 def chain_seconds(config: FleetConfig) -> float:
-    """Return for how long an estimate proves something of later ones."""
+    """Return the time for which the proved placements of an estimate are used."""
     return (1.0 - WINDOW_SHARE) * config.memory_s
 
 
@@ -153,7 +153,7 @@ def heading_arcs(placement: Placement) -> FloatArray:
 
 
 def intersect_arcs(first: FloatArray, second: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return what pairs of arcs (..., 2) share, the narrower where that may be two, and where."""
+    """Return intersections of arcs (..., 2), the narrower arc if these split, and if they meet."""
     first, second = np.broadcast_arrays(first, second)
     widths = first[..., 1] - first[..., 0], second[..., 1] - second[..., 0]
     turns = np.round((first.sum(axis=-1) - second.sum(axis=-1)) / (2.0 * TURN)) * TURN
@@ -166,7 +166,7 @@ def intersect_arcs(first: FloatArray, second: FloatArray) -> tuple[FloatArray, N
 
 
 def _move(snapshot: Snapshot, robot: int, stamp_s: float) -> tuple[Interval, Interval] | None:
-    """Return the pose of a robot now, seen from where it was; None where that is not known."""
+    """Return the pose of a robot now relative to its pose at `stamp_s`; None if unknown."""
     if not snapshot.motion.odometry.get(snapshot.config.robots[robot]):
         return None
     then = snapshot.carried.path(robot).past_poses(np.array([stamp_s]), snapshot.stamp_s)
@@ -179,7 +179,7 @@ def _move(snapshot: Snapshot, robot: int, stamp_s: float) -> tuple[Interval, Int
 def _carried(
     placements: Sequence[Placement], moves: Sequence[tuple[Interval, Interval] | None]
 ) -> tuple[Interval, Interval]:
-    """Return positions (k, n, 3) and headings (k, n) of now in the frame of then."""
+    """Return positions (k, n, 3) and headings (k, n) of now in the frame of the placements."""
     arcs = np.stack([heading_arcs(placement) for placement in placements])
     enclosures = np.stack([placement.enclosure_m for placement in placements])
     heading_known = np.stack([placement.heading_known for placement in placements])
@@ -201,7 +201,7 @@ def _carried(
 
 
 def directions_of(places: Interval) -> Interval:
-    """Return the angles at which boxes (k, 3) are seen from the origin, shape (k,)."""
+    """Return the directions of boxes (k, 3) from the origin in the plane, shape (k,)."""
     low, high = places.lower[:, :2], places.upper[:, :2]
     around = np.all((low <= 0.0) & (high >= 0.0), axis=1)
     any_way = around | ~np.all(np.isfinite(low) & np.isfinite(high), axis=1)
@@ -222,7 +222,7 @@ def directions_of(places: Interval) -> Interval:
 
 
 def _hull_in_common(own: PoseBounds, position: Interval, yaw: Interval) -> PoseBounds | None:
-    """Return bounds around what bounds have in common with each of some carried poses."""
+    """Return the hull of the intersections of bounds with carried poses; None if all are empty."""
     lower = np.fmax(own.enclosure_m[:, 0], position.lower[:, :, :2])
     upper = np.fmin(own.enclosure_m[:, 1], position.upper[:, :, :2])
     arcs, met = intersect_arcs(own.arcs_rad, np.stack([yaw.lower, yaw.upper], axis=-1))

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a window says at the time of a snapshot, and what it leaves of an answer of the moment."""
+"""A window evaluated at the time of a snapshot, and an answer of the moment narrowed by it."""
 
 from __future__ import annotations
 
@@ -47,27 +47,27 @@ PROVED_CONTRADICTS = 'what an earlier estimate proved contradicts what is measur
 CONTRADICTS_NOW = 'what was measured before contradicts what is measured now'
 
 MOST_LATE = 3.0
-"""How many times the span may pass on the clock, where the processors are busy with other work."""
+"""Greatest ratio of time on the clock to processor time, on a machine busy with other work."""
 
 MOST_PARTNERS = 4
 """
-Of each robot: near ones tell most of its heading, since errors of ranges grow with them. With all
-of them and the anchors it has as many observations as are kept of one pair.
+Limit per robot: near robots bound its heading best, since errors of ranges grow with distance.
+Its partners and the anchors together share the number of observations that one pair may keep.
 """
 
 
 CHAIN_SHARE = 0.5
-"""Of the time that a chain of estimates counts: then the next begins, to be ready at its end."""
+"""Fraction of the life of a chain of estimates after which the next chain begins."""
 
 JOINT_RESOLUTION_M = 0.05
 COARSE_BOXES, PROGRAM_BOXES = 32, 96
 """
-Boxes of the poses of a few robots together: few to rule out what is impossible, more to bound
-what is left where outliers are tolerated, and few with linear programs where not.
+Boxes of the joint poses of a few robots: few to rule out impossible placements, more to bound the
+remaining ones if outliers are tolerated, and few with linear programs otherwise.
 """
 
 MOST_REFINED = 16
-"""Of more placements than these, the others get coarse headings only, and none a new best point:
+"""If there are more placements, the rest get coarse headings only and none gets a new best point:
 none of them is the answer yet."""
 
 Refit = Callable[[FramePlan, Placement], Placement]
@@ -75,10 +75,9 @@ Refit = Callable[[FramePlan, Placement], Placement]
 
 class Allowance:
     """
-    A span of processor time of this thread from now on, to be divided among tasks.
+    A span of processor time of this thread, starting now, to be divided among tasks.
 
-    On the clock other threads would use it up: what is left of a busy machine is needed. `cancel`
-    ends the time when set.
+    Time on the clock would also count the work of other threads. `cancel` ends the span when set.
     """
 
     def __init__(self, seconds: float, cancel: Cancel | None) -> None:
@@ -87,17 +86,17 @@ class Allowance:
         self.resume()
 
     def pause(self) -> None:
-        """Let no time pass until `resume`."""
+        """Stop counting time until `resume`."""
         self._left_s = max(0.0, self._end_s - time.thread_time())
         self._left_on_clock_s = max(0.0, self._end_on_clock_s - time.monotonic())
 
     def resume(self) -> None:
-        """Go on where it was paused."""
+        """Continue counting after `pause`."""
         self._end_s = time.thread_time() + self._left_s
         self._end_on_clock_s = time.monotonic() + self._left_on_clock_s
 
     def part(self, tasks: int) -> Callable[[], bool]:
-        """Return what tells the first of some tasks that its equal part of the rest is used up."""
+        """Return a function that says whether an equal part of the rest for a task is used up."""
         now_s = time.thread_time()
         end_s = now_s + max(0.0, self._end_s - now_s) / tasks
 
@@ -117,23 +116,23 @@ class Recollection:
     Attributes
     ----------
     snapshot : Snapshot
-        Without what contradicts itself.
+        Without the observations that contradict each other.
     allowance : Allowance
     readings : mapping of (int, int) to PairReadings
-        What pairs of robots observed of each other.
+        The observations between pairs of robots.
     spans_s : mapping of (int, int) to float
-        The age of the oldest observation that counts, the world and a robot included.
+        The age of the oldest observation of a pair that counts; the world may be in a pair.
     pose_sets : PoseSets
     replaced : frozenset of LinkKey
-        The links of the moment that the pose sets stand for: any of them may be an outlier.
+        The links of the moment that the pose sets replace: any of them may be an outlier.
     forgotten : tuple of Forgotten
-        What contradicts itself.
+        The observations that contradict each other.
     chains : tuple of CarriedPlacements, or None
-        What the estimate before proved, the oldest chain first; None for one that begins now.
+        Proved placements of earlier estimates, oldest chain first; None for a chain that begins.
     tilts : mapping of int to Tilt
-        Of the robots with pose sets, in space.
+        Tilts of the robots with pose sets, in space.
     in_doubt : tuple of str
-        The robots of which nothing is said until newer measurements agree with the anchors.
+        The robots without a pose until newer measurements agree with the anchors.
 
     """
 
@@ -149,18 +148,18 @@ class Recollection:
     in_doubt: tuple[str, ...] = ()
 
     def without_pose_sets(self) -> Recollection:
-        """Return this without the pose sets, which contradict the moment, and forget them."""
+        """Return a copy without the pose sets, which contradict the moment and are forgotten."""
         ends = ends_of(self.snapshot.config, self.pose_sets.sets)
         forgotten = self.forgetting(ends, CONTRADICTS_NOW)
         return replace(self, pose_sets=NO_POSE_SETS, replaced=frozenset(), forgotten=forgotten)
 
     def forgetting(self, ends: frozenset[Ends], text: str) -> tuple[Forgotten, ...]:
-        """Return what is forgotten, with all observations of some points."""
+        """Return the forgotten observations, with all observations between some points added."""
         return (*self.forgotten, Forgotten(ends, self.snapshot.stamp_s, text))
 
     @property
     def empty(self) -> bool:
-        """Whether there is nothing to narrow placements with."""
+        """Whether nothing here can narrow placements."""
         known = self.readings or self.pose_sets.sets or self.pose_sets.of_moment
         return not (known or any(self.chains))
 
@@ -168,9 +167,9 @@ class Recollection:
         self, placements: Sequence[Placement], frame: FixedFrame, chain: int = 0
     ) -> Remaining:
         """
-        Return what the window and one chain of earlier estimates leave of placements in one frame.
+        Return the placements of one frame, narrowed by the window and one chain of estimates.
 
-        The chains after it have their shares of the time that is left.
+        The later chains keep their shares of the remaining time.
         """
         config, sets = self.snapshot.config, self.pose_sets
         stopped = self.allowance.part(len(self.chains) - chain)
@@ -198,7 +197,7 @@ class Recollection:
         return Remaining((*refined.placements, *others), sentences + refined.ruled_out)
 
     def _over(self, pair: Pair) -> str:
-        """Return the name of a pair and for how long it has measured, if not just now."""
+        """Return the names of a pair, with the span of its observations in the window, if any."""
         first, second = pair
         robots = self.snapshot.config.robots
         names = f'{"anchors" if first == WORLD else robots[first]} - {robots[second]}'
@@ -212,13 +211,13 @@ def recall(
     earlier: EarlierSets | None = None,
 ) -> Recollection:
     """
-    Return what the window of a snapshot and earlier estimates say.
+    Evaluate the window of a snapshot, with the proved placements of earlier estimates.
 
-    In space that is where robots are among anchors, if their odometry is upright.
+    In space only robots with upright odometry are placed, among anchors or relative to each other.
     """
     config, carried = snapshot.config, snapshot.carried
     allowance = Allowance(config.memory_max_seconds, cancel)
-    # A pair of which nothing is remembered yet may begin with an outlier, too.
+    # The first reading of a pair may be an outlier, too.
     tolerates = config.window_outliers > 0 and config.memory_s > 0.0
     replaced = carried.links_among(snapshot.keys) if tolerates else frozenset()
     any_upright = any(map(config.is_upright, config.robots))
@@ -233,7 +232,7 @@ def recall(
     spans_s = {pair: carried.span_s(pair) for pair in earlier.pairs.union(carried.tables)}
     snapshot = without(snapshot, forgotten)
     carried, doubtful = snapshot.carried, earlier.doubts.robots
-    # What a robot in doubt measures now may be what is wrong.
+    # The readings of now of a robot in doubt may be the wrong ones.
     of_moment = place_by_moment(snapshot, pose_sets.covers.keys() | doubtful)
     recalled = Recollection(
         snapshot,
@@ -247,7 +246,7 @@ def recall(
     if config.dimension == 3:
         return replace(recalled, tilts={robot: carried.tilt(robot) for robot in pose_sets.covers})
     near = carried.near_pairs(MOST_PARTNERS, newest_s)
-    # A chain begins where the youngest is half as old.
+    # A chain begins when the youngest one has reached half its life.
     begins_s = snapshot.stamp_s - CHAIN_SHARE * chain_seconds(config)
     begins = all(one.since_s <= begins_s for one in proved)
     return replace(
@@ -268,16 +267,16 @@ def recall(
 @dataclass(frozen=True)
 class NarrowedAnswer:
     """
-    An answer after the window has been heard.
+    An answer narrowed by the window.
 
     Attributes
     ----------
     answer : Answer
     ruled_out : tuple of str
-        A sentence on each placement that is left out.
+        One sentence per placement that is ruled out.
     forgotten : tuple of Forgotten
     proved : tuple of Proved
-        What it proves of later ones, the oldest chain first.
+        Proved placements for later estimates, oldest chain first.
 
     """
 
@@ -289,16 +288,17 @@ class NarrowedAnswer:
 
 def narrow_answer(found: Answer, recalled: Recollection, refit: Refit) -> NarrowedAnswer:
     """
-    Return what a window leaves of an answer.
+    Narrow an answer by a window.
 
-    `refit` finds best points by the headings that the window tells. Where the window leaves no
-    placement at all, it contradicts the moment: the answer stays as it is. The same holds where
-    none is left of those listed, and there are others: that is no contradiction.
+    `refit` finds new best points from the headings of the window. If the window rules out all
+    hypotheses of a part, it contradicts the moment: the answer is returned unchanged. It is also
+    returned unchanged if all listed placements of a part are ruled out and it has more
+    hypotheses: that is no contradiction.
     """
     if recalled.empty:
         return NarrowedAnswer(found, (), recalled.forgotten)
     recalled.allowance.resume()
-    # What is published, the last part, comes before groups apart.
+    # The last part is the published one: it is narrowed before the separate groups.
     main_first = reversed(found.parts)
     parts = [(part, recalled.narrow(part.placements, part.plan.frame)) for part in main_first]
     parts.reverse()
@@ -328,7 +328,7 @@ def narrow_answer(found: Answer, recalled: Recollection, refit: Refit) -> Narrow
 def _refitted(
     plan: FramePlan, left: Remaining, recalled: Recollection, refit: Refit
 ) -> tuple[Placement, ...]:
-    """Return placements, in the plane with new best points where they are few."""
+    """Return the placements, with new best points if they are few and in the plane."""
     if recalled.snapshot.config.dimension == 3 or len(left.placements) > MOST_REFINED:
         return left.placements
     return tuple(refit(plan, placement) for placement in left.placements)
@@ -336,10 +336,10 @@ def _refitted(
 
 def _what_is_proved(found: Part, recalled: Recollection, oldest: Remaining) -> Iterator[Proved]:
     """
-    Yield what a part proves of later ones; `oldest` is what the oldest chain leaves of it.
+    Yield the proved placements of a part; `oldest` holds those narrowed by the oldest chain.
 
-    Nothing where measurements contradict, or where it rests on all of the memory: later ones may
-    not rest on what is older.
+    Yield nothing if measurements contradict each other, or if the part uses the whole memory:
+    later estimates must not depend on readings older than the memory.
     """
     listed, frame = found.placements, found.plan.frame
     complete = len(listed) == found.n_hypotheses and not any(p.dropped for p in listed)
@@ -357,7 +357,7 @@ def _what_is_proved(found: Part, recalled: Recollection, oldest: Remaining) -> I
 def _carried_on(
     placements: Sequence[Placement], frame: FixedFrame, carried: CarriedPlacements | None
 ) -> Remaining:
-    """Return the placements that can go on from an earlier estimate."""
+    """Return the placements that can continue an earlier estimate."""
     if carried is None:
         return Remaining(tuple(placements))
 

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Shape first, then headings: what a window tells of a placement of the moment.
+Headings of the placements of the moment, by a window.
 
-The placement bounds the places of the robots in some frame. Pose sets and old observations,
-carried to now, then leave few headings, or none: such a placement is impossible, as a mirror image
-mostly is.
+A placement bounds the positions of the robots in some frame. Pose sets and old observations,
+carried to now, then bound the headings. If no heading is left, the placement is impossible, as
+most mirror images are.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ from dg_localization.poses.turns import turned
 FloatArray = NDArray[np.float64]
 
 Narrow = Callable[[Placement], Placement | str]
-"""Returns what is left of a placement, or what rules it out."""
+"""Returns the narrowed placement, or the name of what rules it out."""
 
 KNOWN_HALF_WIDTH_RAD = 0.5 * math.pi
-"""A heading in less than a half turn counts as known."""
+"""Headings with a smaller half width, in an arc of less than a half turn, count as known."""
 
 
 def narrow_in_plane(
@@ -56,10 +56,10 @@ def narrow_in_plane(
     stopped: Callable[[], bool],
 ) -> Placement | Pair:
     """
-    Return what a window leaves of a placement of the moment, or the bodies that rule it out.
+    Narrow a placement of the moment by a window, or return the bodies that rule it out.
 
-    `readings` are what pairs of robots observed of each other. Once `stopped` is true, what is
-    found so far is returned.
+    `readings` are the observations between pairs of robots. When `stopped` becomes true, the
+    bounds found so far are used.
     """
     enclosure, arcs = placement.enclosure_m.copy(), heading_arcs(placement)
     if frame.kind is FrameKind.HEADING:
@@ -88,7 +88,7 @@ def narrow_in_plane(
     lower, upper = np.zeros((2, len(enclosure), 3))
     lower[:, :2], upper[:, :2] = enclosure[:, 0], enclosure[:, 1]
     settled = pose_sets.covers if by_anchors else {}
-    # Two robots that are known among the anchors tell each other little, and it takes long.
+    # Readings between two robots placed among the anchors gain little and cost much time.
     useful = {p: part for p, part in readings.items() if not settled.keys() >= {*p}}
     poses = narrow_jointly(JointPoses(lower, upper, arcs), useful, options, stopped=stopped)
     if poses.ruled_out_by is not None:
@@ -101,9 +101,9 @@ def narrow_in_space(
     placement: Placement, frame: FrameKind, pose_sets: PoseSets, tilts: Mapping[int, Tilt]
 ) -> Placement | Pair:
     """
-    Return what pose sets leave of a placement in space, or the bodies that rule it out.
+    Narrow a placement in space by pose sets, or return the bodies that rule it out.
 
-    Pose sets are in the frame of the anchors; `tilts` are those of the robots that have one.
+    Pose sets are in the frame of the anchors; `tilts` holds the tilt of each robot with a set.
     """
     if frame is not FrameKind.ANCHORS:
         return placement
@@ -116,14 +116,14 @@ def narrow_in_space(
         enclosure[robot] = part.hull.lower_m, part.hull.upper_m
         level, tilt = heading_in_arc(part.hull.yaw_rad), tilts[robot]
         turn = rotation_of_quaternion(level.orientation_xyzw)
-        # Two rotations one after the other turn by no more than the sum of their angles.
+        # The angle of a product of rotations is at most the sum of their angles.
         half_rad = angle_up(level.half_width_rad + tilt.error_rad)
         found[robot] = Heading(quaternion_of(turn @ tilt.rotation), half_rad)
     return _with_orientations(_with_enclosure(placement, enclosure), found, [3, 4, 5])
 
 
 def _two_robots(frame: FixedFrame, robots: Sequence[str], cover: Cover) -> PoseBounds:
-    """Return bounds of the poses of two robots in a frame of theirs, by a cover of the second."""
+    """Return bounds of the poses of two robots in their frame, by a cover of the second."""
     boxes = cover.boxes
     place = Interval(boxes[:, 0, :3], boxes[:, 1, :3])
     yaw = Interval(boxes[:, 0, 3], boxes[:, 1, 3])
@@ -147,13 +147,13 @@ def _two_robots(frame: FixedFrame, robots: Sequence[str], cover: Cover) -> PoseB
 
 
 def within_bounds(placement: Placement, bounds: PoseBounds) -> Placement:
-    """Return a placement with narrower bounds, and headings where the rays tell less."""
+    """Return a placement with narrower bounds, and headings where they improve on the rays."""
     found = dict(enumerate(map(heading_in_arc, bounds.arcs_rad.tolist())))
     return _with_orientations(_with_enclosure(placement, bounds.enclosure_m), found, [5])
 
 
 def _with_enclosure(placement: Placement, enclosure_m: FloatArray) -> Placement:
-    """Return a placement in a narrower enclosure."""
+    """Return a placement with a narrower enclosure."""
     positions = np.clip(placement.positions_m, enclosure_m[:, 0], enclosure_m[:, 1])
     moved = bool(np.any((positions != placement.positions_m) & np.isfinite(positions)))
     boxes = Interval(enclosure_m[:, 0], enclosure_m[:, 1])
@@ -175,9 +175,9 @@ def _with_orientations(
     placement: Placement, found: Mapping[int, Heading], axes: Sequence[int]
 ) -> Placement:
     """
-    Return a placement with orientations that a window tells, where the rays tell less.
+    Return a placement with the orientations of a window where they improve on the rays.
 
-    `axes` are the rows of a covariance about which the bound of a heading holds.
+    `axes` are the rows of a covariance to which the bound of a heading applies.
     """
     orientations = placement.orientations_xyzw.copy()
     half_widths = placement.heading_half_width_rad.copy()
@@ -189,7 +189,7 @@ def _with_orientations(
         if half < min(KNOWN_HALF_WIDTH_RAD, half_widths[robot]):
             orientations[robot], half_widths[robot] = heading.orientation_xyzw, half
             if covariances is not None and not fitted[robot]:
-                # Least squares knows nothing of this heading: the bound takes its place.
+                # Least squares did not estimate this heading: use its bound as deviation.
                 covariances[robot, 3:] = covariances[robot, :, 3:] = 0.0
                 covariances[robot, axes, axes] = half * half
     return replace(
@@ -202,7 +202,7 @@ def _with_orientations(
 
 
 class Remaining(NamedTuple):
-    """The placements that a window leaves of some, and a sentence on each that is impossible."""
+    """The remaining placements, and one sentence per impossible placement."""
 
     placements: tuple[Placement, ...] = ()
     ruled_out: tuple[str, ...] = ()
@@ -210,11 +210,11 @@ class Remaining(NamedTuple):
 
 def sifted(placements: Sequence[Placement], narrow: Narrow) -> Remaining:
     """
-    Return what `narrow` leaves of placements, or says to rule them out.
+    Apply `narrow` to placements; return the remaining ones and reasons against the others.
 
-    Those whose headings are known least come first, each with all the time that is left: a part
-    of it would not do for any. Where time is short the others have their turn at the next
-    estimate, which knows of these then.
+    Placements with the widest headings come first, each with all the remaining time: a share of
+    it would suffice for none. If time runs out, the others are narrowed at the next estimate,
+    which uses these results.
     """
     unknown_rad = [
         np.minimum(placement.heading_half_width_rad, math.pi).sum() for placement in placements
@@ -239,7 +239,7 @@ def sifted(placements: Sequence[Placement], narrow: Narrow) -> Remaining:
 def parted(
     placements: Sequence[Placement], most: int
 ) -> tuple[Sequence[Placement], Sequence[Placement]]:
-    """Return the first `most` placements and the others; a mirror image stays with its image."""
+    """Split placements after the first `most`; a mirror image stays with its original."""
     if len(placements) > most and placements[most].mirrored:
         most -= 1
     return placements[:most], placements[most:]
