@@ -814,6 +814,11 @@ FLEET = [
             '\n        + 2.0 * math.sin(e_w / 2.0) * _greatest_sine(uv, e_u + e_v)',
             '',
         ),
+        (
+            'the greatest sine at a right angle is forgotten',
+            'if abs(angle_rad - math.pi / 2) <= half_width_rad:',
+            'if False:',
+        ),
     ),
     *_in(
         'fleet',

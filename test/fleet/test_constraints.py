@@ -201,3 +201,8 @@ def test_a_certain_sign_survives_the_worst_errors(share):
             assert sign * np.linalg.det(rays) > 0.0
             assert sign * worst_volume(rays, errors_rad, sign) > -1e-12
     assert certain > 20
+
+
+def test_rays_that_may_be_anywhere_have_no_certain_sign():
+    rays = np.array([[0.0, 0.0, 1.0], ray(0.0), ray(0.1)])
+    assert spatial_sign([RayReading(KEY, 0.0, one, 1.3) for one in rays]) == 0
