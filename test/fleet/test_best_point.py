@@ -11,9 +11,7 @@ import pytest
 from sensing import add_odometry, add_ranges, new_localizer, ray
 from shapes import check_form, in_space, random_rotation
 
-from dg_localization.fleet import (
-    RangeErrorModel,
-)
+from dg_localization.fleet import RangeErrorModel
 
 NOW_S = 10.0
 ANCHORS = {2: np.array([[0.0, 0.0], [9.0, 0.0], [2.0, 8.0]])}

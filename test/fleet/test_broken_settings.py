@@ -10,9 +10,7 @@ import pytest
 from sensing import add_odometry, add_ranges, new_localizer
 from shapes import holds
 
-from dg_localization.fleet import (
-    OdometryErrorModel,
-)
+from dg_localization.fleet import OdometryErrorModel
 
 PLACES_M = {'a': (0.0, 0.0), 'b': (10.0, 0.0), 'c': (0.0, 10.0), 'd': (10.0, 10.0)}
 SMALL = OdometryErrorModel(

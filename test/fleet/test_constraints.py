@@ -9,10 +9,7 @@ import numpy as np
 import pytest
 from sensing import new_localizer
 
-from dg_localization.fleet import (
-    Anchor,
-    OdometryErrorModel,
-)
+from dg_localization.fleet import Anchor, OdometryErrorModel
 from dg_localization.fleet.constraints.constrain import constrain
 from dg_localization.fleet.constraints.distances import triangulate
 from dg_localization.fleet.constraints.rays import Angles, spatial_sign

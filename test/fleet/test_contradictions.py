@@ -12,11 +12,7 @@ from sensing import add_odometry, add_ranges, new_localizer
 from shapes import check_form, holds
 
 from dg_localization import Verdict
-from dg_localization.fleet import (
-    LinkKey,
-    LinkKind,
-    RangeErrorModel,
-)
+from dg_localization.fleet import LinkKey, LinkKind, RangeErrorModel
 
 ROBOTS = ('a', 'b', 'c', 'd', 'e', 'f')
 POSITIONS = np.array([[0.0, 0.0], [6.0, 0.0], [5.0, 4.0], [1.0, 5.0], [3.0, 8.0], [-2.0, 2.0]])

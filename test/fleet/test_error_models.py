@@ -11,12 +11,7 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 
-from dg_localization.fleet import (
-    ConfigError,
-    RangeErrorModel,
-    RejectionReason,
-    error_models,
-)
+from dg_localization.fleet import ConfigError, RangeErrorModel, RejectionReason, error_models
 from dg_localization.fleet.error_models import (
     distance_bounds_m,
     likeliest_distance_m,

@@ -9,11 +9,7 @@ import numpy as np
 import pytest
 from sensing import new_localizer
 
-from dg_localization.fleet import (
-    LinkKey,
-    LinkKind,
-    RejectionReason,
-)
+from dg_localization.fleet import LinkKey, LinkKind, RejectionReason
 
 NOW_S = 100.0
 NOW = (NOW_S, NOW_S)

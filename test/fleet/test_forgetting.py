@@ -5,10 +5,7 @@
 
 import numpy as np
 
-from dg_localization.fleet.window.forgetting import (
-    CONFIRMING,
-    Doubts,
-)
+from dg_localization.fleet.window.forgetting import CONFIRMING, Doubts
 from dg_localization.fleet.window.memory import WORLD
 
 PAIR = (WORLD, 0)

@@ -12,9 +12,7 @@ from sensing import add_odometry, new_localizer
 from shapes import attitude, holds, in_space, turn
 
 from dg_localization import Verdict
-from dg_localization.fleet import (
-    Mount,
-)
+from dg_localization.fleet import Mount
 from dg_localization.fleet.rotations import quaternion_of
 
 ANCHORS_M = {

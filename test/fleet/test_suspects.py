@@ -13,11 +13,7 @@ from sensing import new_localizer, ray
 from shapes import holds
 
 from dg_localization import Verdict
-from dg_localization.fleet import (
-    LinkKey,
-    LinkKind,
-    SuspectKind,
-)
+from dg_localization.fleet import LinkKey, LinkKind, SuspectKind
 
 NOW_S = 50.0
 ROBOTS = ('a', 'b', 'c')

@@ -12,12 +12,7 @@ from plain_python import in_plain_python
 import pytest
 
 from dg_localization.interval.arrays import Interval
-from dg_localization.poses import (
-    Cover,
-    PairOptions,
-    PairReadings,
-    cover_poses,
-)
+from dg_localization.poses import Cover, PairOptions, PairReadings, cover_poses
 
 
 def points(rows):

@@ -12,13 +12,7 @@ from pair_cases import around, turn
 import pytest
 
 from dg_localization.interval.arrays import Interval
-from dg_localization.poses import (
-    JointPoses,
-    PairOptions,
-    PairReadings,
-    PastPoses,
-    narrow_jointly,
-)
+from dg_localization.poses import JointPoses, PairOptions, PairReadings, PastPoses, narrow_jointly
 
 FLEETS = int(os.environ.get('DG_PROPERTY_FLEETS', '60'))
 

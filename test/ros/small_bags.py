@@ -21,10 +21,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from sensor_msgs.msg import Range
 
 from dg_localization.ros.executables import localize_bag
-from dg_localization.ros.simulation.simulate_fleet import (
-    PARAMETERS as SIMULATION,
-    SimulatedFleet,
-)
+from dg_localization.ros.simulation.simulate_fleet import PARAMETERS as SIMULATION, SimulatedFleet
 from msg_adapters import adapter_for
 
 STORE = get_typestore(Stores.ROS2_JAZZY)

@@ -37,10 +37,7 @@ from dg_localization.ros.interface.outputs import (
     estimate_messages,
     scene,
 )
-from dg_localization.ros.interface.poses import (
-    feasible_poses,
-    unique_pose,
-)
+from dg_localization.ros.interface.poses import feasible_poses, unique_pose
 from msg_adapters import Level, Shape
 
 ROBOTS = ('a', 'b')

@@ -10,13 +10,7 @@ from estimates import placement_at
 import numpy as np
 import pytest
 
-from dg_localization.fleet import (
-    Estimate,
-    FixedFrame,
-    FleetConfig,
-    FrameKind,
-    OdometryErrorModel,
-)
+from dg_localization.fleet import Estimate, FixedFrame, FleetConfig, FrameKind, OdometryErrorModel
 from dg_localization.fleet.motion import Motion
 from dg_localization.fleet.rotations import quaternion_of_yaw, rotation_of_quaternion
 from dg_localization.fleet.vocabulary import OdometrySample as Pose

@@ -11,10 +11,7 @@ from threading import Event, get_native_id
 from plain_python import run_python
 import pytest
 
-from dg_localization.ros.node.worker import (
-    NICENESS,
-    EstimateWorker,
-)
+from dg_localization.ros.node.worker import NICENESS, EstimateWorker
 
 DEADLINE_S = 60.0
 

@@ -6,15 +6,7 @@
 from hypothesis import given, settings, strategies as st
 import numpy as np
 
-from dg_localization.solver.box import (
-    GAP_LOWER,
-    GAP_UPPER,
-    LOWER,
-    UPPER,
-    cut_at,
-    exclude,
-    narrow,
-)
+from dg_localization.solver.box import GAP_LOWER, GAP_UPPER, LOWER, UPPER, cut_at, exclude, narrow
 
 LAWS = settings(derandomize=True, deadline=None, max_examples=1000)
 PROBES = np.arange(0.0, 12.25, 0.25)

@@ -12,10 +12,7 @@ from benchmarks.pieces import neighbors
 from dg_localization import JointKind
 from dg_localization.solver.decompose.decomposition import pieces_of
 from dg_localization.solver.decompose.graph import pairs_of
-from dg_localization.solver.decompose.rigid_components import (
-    is_rigid,
-    rigid_rank,
-)
+from dg_localization.solver.decompose.rigid_components import is_rigid, rigid_rank
 
 HINGE, REFLECTION, LOOSE = JointKind.HINGE, JointKind.REFLECTION, JointKind.LOOSE
 

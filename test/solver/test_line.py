@@ -11,11 +11,7 @@ import numpy as np
 from solver_cases import bounds_around, box_of, squared_distances, symmetric
 
 from dg_localization.solver.box import UPPER
-from dg_localization.solver.contract.line import (
-    _narrow_to_distances,
-    _set_roots,
-    reduce_line,
-)
+from dg_localization.solver.contract.line import _narrow_to_distances, _set_roots, reduce_line
 from dg_localization.solver.contract.projection import whole_lanes
 from dg_localization.solver.contract.reduction import make_workspace
 

@@ -10,13 +10,7 @@ import numpy as np
 import pytest
 from solver_cases import problem_of, squared_distances
 
-from dg_localization import (
-    Chirality,
-    Problem,
-    SolverOptions,
-    Verdict,
-    solve,
-)
+from dg_localization import Chirality, Problem, SolverOptions, Verdict, solve
 
 TWO_FOURS_M = np.array([[0, 0], [5, 1], [1, 4], [6, 6], [10, 2], [9, 9], [4, 11]], dtype=float)
 FOURS = ((0, 1, 2, 3), (3, 4, 5, 6))

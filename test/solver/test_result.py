@@ -10,15 +10,7 @@ import numpy as np
 import pytest
 from solver_cases import bounds, covers, holding, orientation, random_case, squared_distances
 
-from dg_localization import (
-    Chirality,
-    Problem,
-    Side,
-    SideConstraint,
-    SolverOptions,
-    Verdict,
-    solve,
-)
+from dg_localization import Chirality, Problem, Side, SideConstraint, SolverOptions, Verdict, solve
 from dg_localization.solver.place.existence import NEARNESS
 
 # Two triangles of sides 1, hinged at points 0 and 1: the rhombus or folded.
