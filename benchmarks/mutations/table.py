@@ -568,12 +568,17 @@ FLEET = [
     *_in(
         'fleet',
         'motion',
-        ('test/fleet/test_motion.py',),
+        ('test/fleet/test_fleet_inputs.py::test_odometry_says_how_far_a_robot_really_moved',),
         (
             'constant errors of odometry make no way longer as the track turns',
             'error_m = sum_up(error_m, product_up(swing_rad, error.constant_m))',
             'error_m = sum_up(error_m)',
         ),
+    ),
+    *_in(
+        'fleet',
+        'motion',
+        ('test/fleet/test_motion.py',),
         (
             'odometry counts as exact',
             'error_m = greatest_errors(error, way_m, turned_rad)[0]',

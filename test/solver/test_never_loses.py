@@ -4,6 +4,8 @@
 """
 The promise of the solver: no placement that agrees with the measurements is ever lost.
 
+What the answers claim is looked up in every tenth of them.
+
 DG_PROPERTY_PROBLEMS sets how many random fleets are tried and DG_PROPERTY_SEED the first one;
 ``DG_PROPERTY_PROBLEMS=1000000 pytest -n 2 test/solver/test_never_loses.py`` is the long run.
 """
@@ -13,7 +15,9 @@ import os
 from joined_cases import check_counts, chunks, first_and_last, holds
 import pytest
 from solver_cases import random_case
+from test_result import check_claims
 
+CLAIMS_EVERY = 10
 PROBLEMS = int(os.environ.get('DG_PROPERTY_PROBLEMS', '10000'))
 
 
@@ -23,6 +27,8 @@ def check(seed):
         case = random_case(seed)
         result = case.solve()
         check_counts(result)
+        if seed % CLAIMS_EVERY == 0:
+            check_claims(case.problem, result)
     except Exception as error:
         error.add_note(f'This was seed {seed}.')
         raise
