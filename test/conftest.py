@@ -9,10 +9,15 @@ import runpy
 import tempfile
 from types import SimpleNamespace
 
+from hypothesis import settings
 import pytest
 
 REPOSITORY = Path(__file__).parents[1]
 REQUIRE_SHARED_DATA = 'DG_REQUIRE_SHARED_DATA'
+
+# A law is tried on the same examples each time, unless its test says otherwise.
+settings.register_profile('laws', derandomize=True, deadline=None, max_examples=300)
+settings.load_profile('laws')
 
 
 class SharedData:

@@ -6,7 +6,7 @@
 from fractions import Fraction
 import math
 
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 from sensing import add_odometry, add_ranges, new_localizer
@@ -31,14 +31,14 @@ KEY = LinkKey(LinkKind.ELEVATION, 'r', '')
 
 def make(**settings):
     """Return a localizer of a robot that flies anywhere up to 20 m above three anchors."""
-    given_settings = {
+    defaults = {
         'anchors': PLACES,
         'elevations_m': {'r': (0.0, 20.0)},
         'elevation_error': ElevationErrorModel(-0.1, 0.1),
         'range_error': (-0.001, 0.001, 0.0, 0.0),
         'max_speed_m_s': 2.0,
     }
-    return new_localizer(['r'], **(given_settings | settings))
+    return new_localizer(['r'], **(defaults | settings))
 
 
 def measure(localizer, height_m, stamp_s=NOW_S, now_s=NOW_S, place_m=PLACE_M, sensor='r'):
@@ -59,7 +59,6 @@ sizes = st.floats(1e-100, 1e-99) | st.floats(1e-3, 1e6) | st.floats(1e99, 1e100)
 numbers = st.builds(lambda size, sign: sign * size, sizes, st.sampled_from([-1.0, 1.0]))
 
 
-@settings(max_examples=300, deadline=None)
 @given(numbers, numbers, numbers, numbers, numbers, numbers)
 def test_the_distance_in_the_plane_is_inside_its_bounds(x, y, first, second, wider, narrower):
     """Exact distances of exact points, in rational numbers."""

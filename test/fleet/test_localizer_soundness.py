@@ -238,7 +238,7 @@ HALF_A_TURN = {
 RULED_OUT_AT_ONCE = {**HALF_A_TURN, 'integer': False, 'bearing_error': 0.5, 'one_image': True}
 
 
-@settings(max_examples=EXAMPLES, deadline=None)
+@settings(max_examples=EXAMPLES, derandomize=False)
 @given(
     seed=st.integers(0, 2**32 - 1),
     q=st.sampled_from([2, 2, 3]),

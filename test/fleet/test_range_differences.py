@@ -31,7 +31,7 @@ TAG_M = (0.3, 0.2)
 ERROR_M = 0.1
 
 
-@settings(max_examples=max(1, STEPS // round(SECONDS)), deadline=None)
+@settings(max_examples=max(1, STEPS // round(SECONDS)), derandomize=False)
 @given(seed=st.integers(0, 2**32 - 1), dimension=st.sampled_from([2, 3]))
 def test_the_truth_is_never_lost_where_nothing_else_is_measured(seed, dimension):
     kind = 1 + seed % 3 // 2, 3 + seed % 4, SECONDS, seed % 2, dimension

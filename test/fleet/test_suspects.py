@@ -127,7 +127,7 @@ def test_two_anchors_that_are_exchanged_are_named_together(unit):
     assert re.search(r'range a->\w \(\d+\.\d\d to \d+\.\d\d m\)', estimate.reason)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40, derandomize=False)
 @given(
     seed=st.integers(0, 2**32 - 1),
     wrong=st.integers(1, 3),

@@ -5,14 +5,13 @@
 
 import math
 
-from hypothesis import example, given, settings, strategies as st
+from hypothesis import example, given, strategies as st
 import mpmath
 import pytest
 
 from dg_localization.interval import angles
 from dg_localization.interval.arrays import Interval
 
-LAWS = settings(derandomize=True, deadline=None, max_examples=300)
 FRACTIONS = st.floats(0.0, 1.0)
 HALF_TURN = st.floats(-math.pi, math.pi)
 EXACT = {'cosine': mpmath.cos, 'sine': mpmath.sin}
@@ -41,7 +40,6 @@ def ends_of(name, low_rad, high_rad):
 
 
 @pytest.mark.parametrize('name', ['cosine', 'sine'])
-@LAWS
 @given(
     low_rad=st.floats(-angles.LARGEST_ANGLE_RAD, angles.LARGEST_ANGLE_RAD),
     width_rad=st.floats(0.0, 7.0),
@@ -64,7 +62,6 @@ def test_angles_that_went_round_too_often_bound_nothing(angle_rad):
         assert ends_of(name, angle_rad, angle_rad) == (-1.0, 1.0)
 
 
-@LAWS
 @given(FRACTIONS, st.floats(0.0, math.pi))
 @example(1.0, 0.0)
 @example(1e-300, 0.0)
@@ -77,7 +74,6 @@ def test_arcsines_and_chords(x, angle_rad):
     assert math.pi / 2 < angles.arcsine_up(1.5) < math.pi / 2 + 1e-13
 
 
-@LAWS
 @given(HALF_TURN, HALF_TURN)
 def test_a_computed_angle_lies_between_its_bounds(yaw_rad, other_rad):
     computed_rad = math.atan2(math.sin(yaw_rad), math.cos(yaw_rad)) + other_rad
@@ -86,7 +82,6 @@ def test_a_computed_angle_lies_between_its_bounds(yaw_rad, other_rad):
     assert angles.angle_down(computed_rad) <= exact_rad <= angles.angle_up(computed_rad)
 
 
-@LAWS
 @given(st.floats(-12.0, 12.0), st.floats(0.0, 4.0), st.floats(-1.0, 1.0))
 def test_rotations_hold_every_matrix_within_the_half_width(angle_rad, half_width_rad, fraction):
     matrix = angles.rotation_2d(angle_rad, half_width_rad)

@@ -6,14 +6,13 @@
 from fractions import Fraction
 import math
 
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
 from dg_localization.interval import arrays
 from dg_localization.interval.arrays import Interval
 
-LAWS = settings(derandomize=True, deadline=None, max_examples=300)
 NUMBERS = st.floats(-1e100, 1e100)
 
 
@@ -30,7 +29,6 @@ OPERATIONS = {
 
 
 @pytest.mark.parametrize('name', OPERATIONS)
-@LAWS
 @given(intervals(), intervals(), st.integers(0, 3))
 def test_results_of_members_are_members_of_the_result(name, first, second, corner):
     on_intervals, on_numbers = OPERATIONS[name]
@@ -39,7 +37,6 @@ def test_results_of_members_are_members_of_the_result(name, first, second, corne
     assert found.lower <= exact <= found.upper
 
 
-@LAWS
 @given(intervals(), st.tuples(st.floats(1e-9, 1e9), st.floats(1e-9, 1e9)).map(sorted))
 def test_quotients(first, divisor):
     found = Interval.between(*first).over(Interval.between(*divisor))
@@ -54,7 +51,6 @@ def test_a_quotient_by_zero_may_be_anything():
     assert found.upper == math.inf
 
 
-@LAWS
 @given(st.lists(st.integers(-1000, 1000), min_size=9, max_size=9))
 def test_determinants_norms_and_vector_products_of_whole_numbers(numbers):
     rows = np.array(numbers, dtype=float).reshape(3, 3)
@@ -69,7 +65,6 @@ def test_determinants_norms_and_vector_products_of_whole_numbers(numbers):
     assert np.all((product.lower <= np.cross(*rows[:2])) & (np.cross(*rows[:2]) <= product.upper))
 
 
-@LAWS
 @given(st.lists(st.integers(-100, 100), min_size=3, max_size=3).filter(any))
 def test_unit_vectors(numbers):
     found = arrays.normalized(Interval.point(numbers))

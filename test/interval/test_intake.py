@@ -7,13 +7,12 @@ from decimal import Decimal
 from fractions import Fraction
 import math
 
-from hypothesis import example, given, settings, strategies as st
+from hypothesis import example, given, strategies as st
 import numpy as np
 import pytest
 
 from dg_localization.interval.intake import lower_bounds, upper_bounds
 
-LAWS = settings(derandomize=True, deadline=None, max_examples=300)
 LARGEST = math.nextafter(math.inf, 0.0)
 NUMBERS = st.one_of(
     st.integers(),
@@ -32,7 +31,6 @@ def are_next_to(lower, exact, upper):
     return lower < exact < upper and math.nextafter(lower, math.inf) == upper
 
 
-@LAWS
 @given(st.lists(NUMBERS, min_size=1, max_size=6))
 @example([2**53 + 1, 0.5])
 @example([Decimal('1e400'), Decimal('-1e-400'), 10**400, -(10**400), Fraction(1, 10**400)])

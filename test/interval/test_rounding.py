@@ -14,7 +14,7 @@ from dg_localization.interval import arrays, bounds, rounding
 
 ANY = st.floats(allow_nan=False, allow_infinity=False)
 MODERATE = st.floats(-1e150, 1e150)
-LAWS = settings(derandomize=True, deadline=None, max_examples=500)
+LAWS = settings(max_examples=500)
 
 
 def ulps_between(x, y):

@@ -7,12 +7,11 @@ import math
 import re
 import struct
 
-from hypothesis import assume, given, settings, strategies as st
+from hypothesis import assume, given, strategies as st
 import pytest
 
 from dg_localization.interval import scalars as interval
 
-LAWS = settings(derandomize=True, deadline=None, max_examples=300)
 EMPTY = (math.inf, -math.inf)
 ENTIRE = (-math.inf, math.inf)
 LEAST_NORMAL = 2.0**-1022
@@ -101,7 +100,6 @@ def intervals():
     return pairs.map(sorted).map(tuple).filter(lambda i: i[0] < math.inf and i[1] > -math.inf)
 
 
-@LAWS
 @given(intervals(), intervals())
 def test_reverse_square_is_the_hull_of_both_roots(x, square):
     """Exact ends of the argument stay; roots are bounds, one or two units away."""

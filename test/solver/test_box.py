@@ -8,7 +8,7 @@ import numpy as np
 
 from dg_localization.solver.box import GAP_LOWER, GAP_UPPER, LOWER, UPPER, cut_at, exclude, narrow
 
-LAWS = settings(derandomize=True, deadline=None, max_examples=1000)
+LAWS = settings(max_examples=1000)
 PROBES = np.arange(0.0, 12.25, 0.25)
 ENDS = st.integers(0, 12).map(float)
 SORTED = st.tuples(ENDS, ENDS).map(sorted)

@@ -5,7 +5,7 @@
 
 import itertools
 
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 from solver_cases import squared_distances
@@ -16,8 +16,6 @@ from dg_localization.solver.contract.coordinates import (
 )
 
 mpmath = pytest.importorskip('mpmath')
-
-LAWS = settings(derandomize=True, deadline=None, max_examples=150)
 
 
 def in_frame(positions, frame):
@@ -35,7 +33,6 @@ def in_frame(positions, frame):
     return [[((p - points[frame[0]]).T * axis)[0] for axis in axes] for p in points]
 
 
-@LAWS
 @given(st.integers(0, 2**32))
 def test_every_point_is_enclosed(seed):
     rng = np.random.default_rng(seed)
@@ -66,7 +63,6 @@ def test_every_point_is_enclosed(seed):
                 assert low <= exact + slack and exact - slack <= high, (point, axis)
 
 
-@settings(deadline=None)
 @given(
     places=st.lists(st.tuples(st.integers(-9, 9), st.integers(-9, 9)), min_size=2, max_size=5),
     slack=st.floats(0.0, 3.0),

@@ -7,7 +7,7 @@ from fractions import Fraction
 from itertools import combinations
 import math
 
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 from solver_cases import bounds, orientation, squared_distances, symmetric
@@ -73,15 +73,11 @@ def test_every_equation_of_a_proof_counts():
     assert np.abs(off[-1]).sum() * (1.0 - 1e-9) <= norm
 
 
-LAWS = settings(derandomize=True, deadline=None, max_examples=300)
-
-
 def exact_squared(positions, i, j):
     points = [[Fraction(x) for x in positions[k].tolist()] for k in (i, j)]
     return sum((x - y) ** 2 for x, y in zip(*points, strict=True))
 
 
-@LAWS
 @given(st.integers(0, 2**32))
 def test_signs_of_determinants_are_exact(seed):
     """Also where the points are in one hyperplane, or an ulp away from it."""
@@ -105,7 +101,6 @@ def test_a_product_that_underflows_is_not_taken_for_zero():
     assert chirality_signs(points, np.arange(4)[None]).tolist() == [1]
 
 
-@LAWS
 @given(st.integers(0, 2**32))
 def test_agreement_is_a_proof(seed):
     """Bounds a few ulps around the exact distances: what is affirmed is so in rationals."""

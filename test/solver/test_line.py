@@ -6,7 +6,7 @@
 from fractions import Fraction
 import math
 
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 from solver_cases import bounds_around, box_of, squared_distances, symmetric
 
@@ -14,8 +14,6 @@ from dg_localization.solver.box import UPPER
 from dg_localization.solver.contract.line import _narrow_to_distances, _set_roots, reduce_line
 from dg_localization.solver.contract.projection import whole_lanes
 from dg_localization.solver.contract.reduction import make_workspace
-
-LAWS = settings(derandomize=True, deadline=None, max_examples=200)
 
 
 def reduce(box, merged, sigma, points):
@@ -37,7 +35,6 @@ def holds(box, squared):
     return bool(np.all(inside & ~((box[2] < squared) & (squared < box[3]))))
 
 
-@LAWS
 @given(st.integers(0, 2**32))
 def test_no_arrangement_is_lost(seed):
     """The truth stays: any widths, sides, order of the points, and points on top of each other."""

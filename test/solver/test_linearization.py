@@ -7,7 +7,7 @@ from fractions import Fraction
 from itertools import combinations
 import math
 
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 from solver_cases import box_of, squared_distances
@@ -15,8 +15,6 @@ from solver_cases import box_of, squared_distances
 from dg_localization.solver.box import Status
 from dg_localization.solver.contract.linear import contract_linear
 from dg_localization.solver.contract.linearization import Linearization, bound_linear_function
-
-LAWS = settings(derandomize=True, deadline=None, max_examples=200)
 
 
 def outward(x):
@@ -27,7 +25,6 @@ def outward(x):
     return math.nextafter(near, -math.inf), math.nextafter(near, math.inf)
 
 
-@LAWS
 @given(st.integers(0, 2**32))
 def test_any_multipliers_bound_a_linear_function(seed):
     rng = np.random.default_rng(seed)

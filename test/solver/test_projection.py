@@ -7,7 +7,7 @@ from fractions import Fraction
 import itertools
 import math
 
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 from solver_cases import box_of, squared_distances
@@ -23,7 +23,6 @@ from dg_localization.solver.contract.projection import T_LOWER, T_UPPER, make_ro
 
 mpmath = pytest.importorskip('mpmath')
 
-LAWS = settings(derandomize=True, deadline=None, max_examples=300)
 # Room for the rounding of a bound: a few units of the largest term it is made of.
 UNITS = 1e-14
 
@@ -115,7 +114,6 @@ def difference_of_coordinates(ends, d_low, d_high):
     return low, coordinate_difference_up(i_high, j_low, d_low, d_high)
 
 
-@LAWS
 @given(st.integers(0, 2**32))
 def test_coordinate_difference_is_the_exact_range(seed):
     """The corner enumeration is the exact range: every squared distance occurs once."""

@@ -3,15 +3,13 @@
 
 """What two chiralities say of a box: bounds of the product of two oriented volumes."""
 
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 from solver_cases import bounds, box_of, determinant, squared_distances
 
 from dg_localization import Chirality, Problem, Side, SideConstraint, Verdict, solve
 from dg_localization.solver.contract.sides import chiralities_are_possible, volume_product
-
-LAWS = settings(derandomize=True, deadline=None, max_examples=200)
 
 
 def volume(positions, simplex):
@@ -20,7 +18,6 @@ def volume(positions, simplex):
     return determinant(rows)
 
 
-@LAWS
 @given(st.integers(0, 2**32))
 def test_volume_product_holds_the_exact_product(seed):
     rng = np.random.default_rng(seed)

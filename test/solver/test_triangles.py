@@ -5,7 +5,7 @@
 
 import math
 
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 from solver_cases import bounds, bounds_around, box_of, squared_distances, symmetric
@@ -15,8 +15,6 @@ from dg_localization.solver.contract.triangles import (
     contract_opposite_side,
     smooth_triangles,
 )
-
-LAWS = settings(derandomize=True, deadline=None, max_examples=200)
 
 
 def smooth(box):
@@ -49,7 +47,6 @@ def fixed_point(box):
     return low, high
 
 
-@LAWS
 @given(st.integers(0, 2**32))
 def test_the_result_is_the_tightest_that_triangles_give_and_no_tighter(seed):
     box, squared = random_box(seed)
@@ -91,7 +88,6 @@ def between(ends, part):
     return min(max(low + part * (high - low), low), high)
 
 
-@settings(deadline=None)
 @given(
     first=st.tuples(side, side),
     second=st.tuples(side, side),
@@ -113,7 +109,6 @@ def test_the_law_of_cosines_excludes_no_triangle(first, second, angle, parts):
     assert lower[1, 2] - rounding <= opposite <= upper[1, 2] + rounding
 
 
-@settings(deadline=None)
 @given(
     places=st.lists(st.tuples(side, side), min_size=3, max_size=3),
     slack=st.tuples(side, side, side, st.floats(0.0, 1.0), st.floats(0.0, 1.0)),
