@@ -4,10 +4,10 @@
 """
 The best point of a hypothesis: the placement that fits the likeliest readings best.
 
-A fit starts at a placement of the hypothesis and stays in its enclosure. Where no other hypothesis
-is left, others start in the middle of the enclosure and all over it. What is remembered joins in a
-second fit. The result is published as it is when it agrees with the problem, and else the point
-towards the start that does.
+A fit starts at a placement of the hypothesis and stays in its enclosure. A single hypothesis gets
+more fits, from the middle of the enclosure and from random points in it. A second fit adds the
+readings of the window. If the result does not agree with the problem but the start does, a point
+between them that agrees is returned.
 """
 
 from __future__ import annotations
@@ -32,26 +32,26 @@ from dg_localization.solver.problem import Problem
 FloatArray = NDArray[np.float64]
 
 HALVINGS = 6
-"""How often the way back to the start is halved."""
+"""How often the segment from the result to the start is halved."""
 
 DRAWN_STARTS = 2
 MOST_BODIES = 30
-"""Larger fleets have one start only: a fit takes the cube of their number."""
+"""Larger fleets get one start only: the cost of a fit grows with the cube of their number."""
 
 MOST_EFFORT = 50_000_000
-"""Most work on one problem: the sum of the cubes of the numbers that its fits change."""
+"""Most work on one problem: the sum, over its fits, of the cube of the number of unknowns."""
 
 CLEAR_GAIN = 1e-3
-"""A later start counts where its cost is lower by this part of the others', or of 1: costs near
-zero differ by rounding errors, and these by the processor."""
+"""A later start must lower the cost by this fraction of the cost, or of 1 if that is more: costs
+near zero differ by rounding errors, which depend on the processor."""
 
 LEAST_WIDTH_M = 1e-9
-"""What the enclosure leaves less of is given by the frame, but for rounding."""
+"""A narrower enclosure is fixed by the frame, up to rounding."""
 
 UNKNOWN_VARIANCE_M2 = 1e12
 
 MOST_SPREAD = 1e12
-"""Information that is smaller than the largest by so much is lost in rounding errors."""
+"""Information smaller than the largest by this factor is lost in rounding errors."""
 
 
 @dataclass(frozen=True)
@@ -66,17 +66,17 @@ class BestPoint:
     proved : bool
         Whether it meets every constraint of the problem, checked with outward rounding.
     rotations : numpy.ndarray, shape (n, 3, 3)
-        Of the bodies that turn, from body to fixed frame.
+        Rotations of the bodies that turn, from body to fixed frame.
     covariances : numpy.ndarray, shape (n, 6, 6)
-        Of each position (m) and of a small rotation about the axes of the fixed frame (rad), for
-        errors that are anywhere in their bounds. Those of readings of the moment are independent
-        of each other; `Past.spread` says so of the past. Zero for what the frame fixes, and for
-        rotations that are not fitted; NaN where nothing was fitted.
+        Covariances of each position (m) and of a small rotation about the axes of the fixed frame
+        (rad), for errors distributed uniformly within their bounds. Errors of readings of the
+        moment count as independent; for the past see `Past.spread`. Zero for coordinates that the
+        frame fixes and for rotations that are not fitted; NaN if nothing was fitted.
     cost : float
-        The mean square of the residuals that the fit leaves, in half widths; infinite where
-        nothing was fitted.
+        The mean square of the residuals of the fit, in half widths; infinite if nothing was
+        fitted.
     misfits : tuple of Misfit
-        What is remembered and too far off the fit.
+        Groups of past readings and odometry steps that are too far off the fit.
 
     """
 
@@ -88,8 +88,8 @@ class BestPoint:
     misfits: tuple[Misfit, ...] = ()
 
     def fitted_yaws_rad(self) -> FloatArray:
-        """Return the headings in the plane, shape (n,); NaN where none was fitted."""
-        # A rotation that was not fitted has no variance, one that was has some.
+        """Return the headings in the plane, shape (n,); NaN for headings that were not fitted."""
+        # Only fitted rotations have a variance above zero.
         fitted = self.covariances[:, 5, 5] > 0.0
         if self.positions_m.shape[1] != 2:
             fitted[:] = False
@@ -98,7 +98,7 @@ class BestPoint:
 
 
 class Sensor(NamedTuple):
-    """A point that moves with a body: rows of both, and where it is in the body frame, (3,)."""
+    """A point on a body: the rows of both, and its position in the body frame, (3,)."""
 
     row: int
     body: int
@@ -119,7 +119,7 @@ class BestPointFinder:
         self._terms = Terms.of(terms)
         self._held = held
         self._sensors = sensors
-        # The body has each sensor in the direction of its arm.
+        # A ray from the body to each sensor along its lever arm.
         to_sensors = [
             Term(RAY, body, row, arm_m / np.linalg.norm(arm_m), LEAST_HALF_WIDTH)
             for row, body, arm_m in sensors
@@ -139,7 +139,7 @@ class BestPointFinder:
         past: Past | None = None,
         yaws_rad: Mapping[int, float] = MappingProxyType({}),
     ) -> BestPoint:
-        """Return the best point of a hypothesis, or the start where the effort is used up."""
+        """Return the best point of a hypothesis, or the start if no effort is left."""
         problem = self._problem
         if among is not None:
             problem = Problem(*among, dimension=problem.dimension, chiralities=problem.chiralities)
@@ -174,7 +174,7 @@ class BestPointFinder:
         return BestPoint(positions_m, proved, rotations, covariances, cost, misfits)
 
     def _with_sensors(self, fit: Fit, enclosure: Interval) -> FloatArray:
-        """Return the positions of a fit, with the sensors where their bodies have them."""
+        """Return the positions of a fit, with sensors placed by the poses of their bodies."""
         positions_m = fit.bodies.positions_m[: len(enclosure.lower)].copy()
         for row, body, arm_m in self._sensors:
             positions_m[row] = positions_m[body] + fit.bodies.rotations[body] @ arm_m
@@ -182,7 +182,7 @@ class BestPointFinder:
         return np.asarray(np.clip(positions_m, enclosure.lower, enclosure.upper))
 
     def _with_past(self, past: Past, bodies: Bodies, yaws_rad: Mapping[int, float]) -> Bodies:
-        """Return where a fit with what is remembered starts: at that of the moment."""
+        """Return the start of a fit with past poses: the start of the moment, carried back."""
         positions_m, rotations = bodies.positions_m.copy(), bodies.rotations.copy()
         free = bodies.free.copy()
         for row in {*past.rows.tolist()} - {*self._held}:
@@ -209,7 +209,7 @@ class BestPointFinder:
         )
 
     def _bodies(self, start_m: FloatArray, enclosure: Interval) -> Bodies:
-        """Return where the fit starts and where it may go."""
+        """Return the start of a fit and its bounds."""
         n_points, dimension = start_m.shape
         free = np.zeros((n_points, 6), dtype=bool)
         free[:, :dimension] = enclosure.upper - enclosure.lower > LEAST_WIDTH_M
@@ -217,7 +217,7 @@ class BestPointFinder:
         free[list(self.turning), 3 if dimension == 3 else 5 :] = True
         rotations = np.tile(np.eye(3), (n_points, 1, 1))
         observers, targets = self._sights.bodies.T
-        # How other bodies are turned is not known yet, and those that do not turn are upright.
+        # Rotations of turning bodies are unknown yet; other bodies are upright.
         upright = ~np.isin(targets, list(self.turning))
         ends_m = start_m[targets] + upright[:, None] * self._sights.arms_m[:, 1, :dimension]
         lines = unit_vectors(ends_m - start_m[observers])
@@ -235,7 +235,7 @@ class BestPointFinder:
 
 
 def _in_space(places_m: FloatArray) -> FloatArray:
-    """Return places in space, those in the plane at zero height, shape (n, 3)."""
+    """Return places in space, shape (n, 3), with zero height for places in the plane."""
     in_space_m = np.zeros((len(places_m), 3))
     in_space_m[:, : places_m.shape[1]] = places_m
     return in_space_m
@@ -243,16 +243,16 @@ def _in_space(places_m: FloatArray) -> FloatArray:
 
 def _starts(start_m: FloatArray, enclosure: Interval) -> list[FloatArray]:
     """
-    Return where fits start: the middle of the enclosure where it is bounded, and all over it.
+    Return the starts of fits: the middle of the enclosure, the given start, and random points.
 
-    The middle comes first: where readings leave a point open, it is the one that is left.
+    The middle comes first: coordinates that the readings leave open then stay in the middle.
     """
     bounded = np.isfinite(enclosure.lower) & np.isfinite(enclosure.upper)
     lower_m = np.where(bounded, enclosure.lower, start_m)
     width_m = np.where(bounded, enclosure.upper, start_m) - lower_m
     if width_m.max() <= LEAST_WIDTH_M:
         return [start_m]
-    # Always the same ones, so that an answer does not depend on those before it.
+    # A fixed seed, so that an answer does not depend on earlier answers.
     rng = np.random.default_rng(0)
     drawn = [lower_m + rng.random(start_m.shape) * width_m for _ in range(DRAWN_STARTS)]
     return [lower_m + 0.5 * width_m, start_m, *drawn]
@@ -261,7 +261,7 @@ def _starts(start_m: FloatArray, enclosure: Interval) -> list[FloatArray]:
 def _agreeing(
     problem: Problem, start_m: FloatArray, best_m: FloatArray
 ) -> tuple[FloatArray, bool]:
-    """Return the placement nearest to the best one that agrees with the problem, if one does."""
+    """Return the best placement, or one towards the start that agrees, and whether one agrees."""
     if agrees(problem, best_m):
         return best_m, True
     if not agrees(problem, start_m):
@@ -276,20 +276,20 @@ def _agreeing(
 
 def _covariances(fit: Fit, spread: FloatArray | None, n_points: int) -> FloatArray:
     """
-    Return the covariance of each point: of its position, and of its rotation.
+    Return the covariance of the position and rotation of each point.
 
-    `spread` are the products of the gradients that errors make, where these depend on each other.
-    Those of independent ones are the matrix of the fit.
+    `spread` is the summed outer product of the gradients of dependent errors. For independent
+    errors that is the matrix of the fit.
     """
     bodies = fit.bodies
     sides_m = np.maximum(bodies.upper_m - bodies.positions_m, bodies.positions_m - bodies.lower_m)
     turns = np.full(sides_m.shape, np.pi / np.sqrt(UNIFORM))
     widths = np.concatenate([sides_m, turns], axis=1)
-    # The enclosure counts as one more reading, so that nothing is wider than it.
+    # The enclosure counts as one more reading, so that no deviation exceeds it.
     variances = np.minimum(widths[bodies.free] ** 2, UNKNOWN_VARIANCE_M2)
     equations = UNIFORM * fit.matrix + np.diag(1.0 / variances)
     size = int(bodies.free[:n_points].sum())
-    # What was before now is eliminated.
+    # Eliminate the past poses.
     before = -np.linalg.solve(equations[size:, size:], equations[size:, :size])
     inverse = _inverse(
         equations[:size, :size] + equations[:size, size:] @ before, variances[:size]
@@ -299,17 +299,17 @@ def _covariances(fit: Fit, spread: FloatArray | None, n_points: int) -> FloatArr
         inverse = inverse + gain @ (UNIFORM * (spread - fit.matrix)) @ gain.T
     everything = np.zeros((size + 1, size + 1))
     everything[:size, :size] = 0.5 * (inverse + inverse.T)
-    # The last row, -1, stands for what is left out.
+    # The last row, -1, stands for coordinates that are left out.
     rows = fit.columns[:n_points]
     return np.asarray(everything[rows[:, :, None], rows[:, None, :]])
 
 
 def _inverse(equations: FloatArray, variances: FloatArray) -> FloatArray:
     """
-    Return the inverse of normal equations that hold some variances.
+    Return the inverse of normal equations that include prior variances.
 
-    These alone are what is left of information that rounding hides: of points that are known well
-    from each other, and hardly at all from the rest.
+    If points are known well relative to each other and badly relative to the rest, the weak
+    information is lost in rounding; there the prior variances alone are used.
     """
     spread = float(np.max(equations.diagonal() * variances, initial=1.0))
     if spread <= MOST_SPREAD:

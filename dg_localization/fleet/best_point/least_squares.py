@@ -4,8 +4,8 @@
 """
 Least squares within bounds: Levenberg-Marquardt steps, projected on a box.
 
-Every step that is taken lowers the cost and stays in the box. Nothing is rounded outward: the
-result is an estimate.
+Every accepted step lowers the cost and stays in the box. There is no outward rounding: the result
+is an estimate.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ FIRST_DAMPING = 1e-3
 LEAST_DAMPING = 1e-9
 MOST_DAMPING = 1e6
 LEAST_GAIN = 1e-6
-"""A step that lowers the cost by less than this fraction, or by less than this, is the last."""
+"""A fit ends with a step that lowers the cost by less than this, relative or absolute."""
 
 VECTOR_PRODUCT = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2).reshape(3, 9)
-"""A vector times this is the matrix of its vector product, row by row."""
+"""A vector times this is its cross-product matrix, row by row."""
 
 
 @dataclass(frozen=True)
 class Bodies:
     """
-    Where bodies are, and where they may be.
+    Poses of bodies, with bounds.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Bodies:
     lower_m, upper_m : numpy.ndarray, shape (n, 3)
         Bounds of the positions; they hold `positions_m`.
     free : numpy.ndarray of bool, shape (n, 6)
-        Which coordinates, and which rotations about the axes of the fixed frame, may change.
+        Whether each coordinate and each rotation about an axis of the fixed frame may change.
 
     """
 
@@ -61,7 +61,7 @@ class Bodies:
     free: BoolArray
 
     def moved(self, step: FloatArray) -> Bodies:
-        """Return the bodies after a step of what is free, as far as the bounds let them go."""
+        """Return the bodies after a step of the free coordinates, clipped to the bounds."""
         moves = np.zeros(self.free.shape)
         moves[self.free] = step
         positions_m = np.minimum(self.positions_m + moves[:, :3], self.upper_m)
@@ -73,7 +73,7 @@ class Bodies:
         return replace(self, positions_m=positions_m, rotations=rotations)
 
     def is_pushed_out(self, gradient: FloatArray) -> BoolArray:
-        """Return which of what is free is at a bound, where a descent would leave it."""
+        """Return which free coordinates are at a bound that a descent step would cross."""
         pulls = np.zeros(self.free.shape)
         pulls[self.free] = gradient
         pushed = np.zeros(self.free.shape, dtype=bool)
@@ -90,9 +90,9 @@ class Fit:
     Parameters
     ----------
     bodies : Bodies
-        Where they are now.
+        The fitted poses.
     cost : float
-        Sum of the squared residuals, in half widths; less for those that are robust.
+        Sum of the squared residuals, in half widths; robust terms cost less.
     columns : numpy.ndarray of int, shape (n, 6)
         The row of each coordinate in `matrix`, or `LEFT_OUT`.
     matrix : numpy.ndarray, shape (k, k)
@@ -107,7 +107,7 @@ class Fit:
 
 
 def fit_terms(terms: Terms, start: Bodies, *, robust: bool = False) -> Fit:
-    """Lower the sum of squared residuals from a start, within bounds."""
+    """Minimize the sum of squared residuals from a start, within bounds."""
     columns = np.full(start.free.shape, LEFT_OUT, dtype=np.int64)
     columns[start.free] = np.arange(size := int(start.free.sum()))
 
@@ -120,7 +120,7 @@ def fit_terms(terms: Terms, start: Bodies, *, robust: bool = False) -> Fit:
     cost, matrix, vector = examined(start)
     for _ in range(MOST_STEPS if size else 0):
         held = best.is_pushed_out(vector)
-        # What no term depends on gets a diagonal all the same, and does not move.
+        # A coordinate without terms gets a diagonal too, and does not move.
         diagonal = np.diag(matrix)
         damped = matrix + np.diag(damping * diagonal + 1e-12 * max(1e-288, diagonal.max()))
         damped[held], damped[:, held] = 0.0, 0.0
@@ -151,7 +151,7 @@ def _small_rotations(turns_rad: FloatArray) -> FloatArray:
 
 
 def equations_at(terms: Terms, fit: Fit) -> tuple[FloatArray, FloatArray]:
-    """Return the normal equations of other terms at the result of a fit: matrix and vector."""
+    """Return the normal equations (matrix and vector) of other terms at the result of a fit."""
     matrix, vector = np.empty_like(fit.matrix), np.empty(len(fit.matrix))
     placed = fit.bodies.positions_m, fit.bodies.rotations, fit.columns
     normal_equations(*terms, False, *placed, matrix, vector)
@@ -160,9 +160,9 @@ def equations_at(terms: Terms, fit: Fit) -> tuple[FloatArray, FloatArray]:
 
 def residuals_of(terms: Terms, fit: Fit) -> FloatArray:
     """
-    Return by how many half widths terms are off a fit, in the plane; zero for a `PLACE`.
+    Return the residuals of terms in the plane, in half widths; zero for a `PLACE`.
 
-    Ranges that are too short, and rays to the left of what was seen, count as negative.
+    Fitted ranges shorter than measured, and rays to the right of the measured ones, are negative.
     """
     rotations = fit.bodies.rotations[terms.bodies]
     arms_m = np.einsum('mbij,mbj->mbi', rotations, terms.arms_m)

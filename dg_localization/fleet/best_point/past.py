@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What is remembered as terms of a fit: a window smoother.
+A window smoother: past poses, odometry and readings of the window as terms of a fit.
 
-A robot that moves is a body now and one at each of a few earlier times. Its odometry joins each of
-them to the next, as right as its bounds say. A reading belongs to the bodies nearest in time, and
-where its ends were just then is an arm in their frames. So all readings of a window count, and an
-error of the odometry is shared by all that came before it.
+A moving robot has one body now and one at each of a few earlier times. Odometry joins each body to
+the next, weighted by its bounds. A reading belongs to the bodies nearest in time; the poses of its
+ends at its own time are lever arms in their frames. So all readings of a window count, and an
+error of the odometry is shared by all bodies before it.
 """
 
 from __future__ import annotations
@@ -32,38 +32,38 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 LONGEST_S = 30.0
-"""What is older has little to say, since odometry drifts."""
+"""Older readings carry little information, since odometry drifts."""
 
 SPACING_S = 3.0
-"""Between two bodies of a robot, at least."""
+"""Least time between two bodies of a robot."""
 
 MOST_POSES = 60
-"""Of all robots before now: a fit takes the cube of their number. Larger fleets than half as many
+"""Past poses of all robots: a fit takes the cube of their number. Fleets of more than half as many
 robots have no smoother."""
 
 GUESS_ROUNDS = 5
 GUESS_SCALE_M = 0.5
-"""A landmark that is farther off than this counts less when a pose is guessed."""
+"""Landmarks farther off than this count less in the guess of a pose."""
 
 GREATEST_OFF, MEAN_OFF, FEW = 2.0, 1.05, 8
-"""Bounds do not hold where one term is farther off a fit than the first, in half widths, or where
-the root mean square of at least `FEW` terms is above the second."""
+"""Bounds count as violated if one residual exceeds the first, in half widths, or if the root mean
+square of at least `FEW` residuals exceeds the second."""
 
 NEAREST_M = 0.1
-"""A target that is nearer may be seen in any direction once its observer has moved."""
+"""A nearer target may be seen in any direction after a small motion of its observer."""
 
 
 class _End(NamedTuple):
-    """The bodies that observers, or targets, of readings were on, and where in their frames."""
+    """The bodies of the observers, or of the targets, of readings, and poses in their frames."""
 
     bodies: IntArray  # (m,)
-    poses: FloatArray  # (v, m, 3): x, y and yaw, as stated and by each error of odometry
-    unknown: FloatArray  # (m, 2): what silent odometry leaves open of these, in m and rad
-    moves: NDArray[np.bool_]  # (m,): whether a robot moved there, and what is fixed did not
+    poses: FloatArray  # (v, m, 3): x, y and yaw, as stated and for each error of odometry
+    unknown: FloatArray  # (m, 2): uncertainty of these from silent odometry, in m and rad
+    moves: NDArray[np.bool_]  # (m,): whether the body is a moving robot, not a fixed point
 
 
 class Misfit(NamedTuple):
-    """Readings or steps that are off a fit, and by how many half widths."""
+    """Readings or odometry steps that are off a fit, with their residuals in half widths."""
 
     kind: int
     robot: int
@@ -75,26 +75,26 @@ class Misfit(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class Past:
     """
-    Poses that robots had, and what was measured from there.
+    Past poses of robots, and the readings taken there.
 
     Parameters
     ----------
     terms : Terms
-        The bodies are the points of the problem, and after these the past poses.
+        Terms over the points of the problem, followed by the past poses.
     rows : numpy.ndarray of int, shape (k,)
         The robot of each past pose.
     poses : numpy.ndarray, shape (k, 3)
-        x, y and yaw of each, seen from where its robot is now, as odometry states them.
+        x, y and yaw of each, relative to the pose of its robot now, as odometry states them.
     guesses : mapping of int to numpy.ndarray, shape (3,)
-        By row, the poses of robots now that lay what they saw of landmarks on the map.
+        By row, poses of robots now that fit their sights of landmarks to the map.
     ends : frozenset of (str, str)
-        Whose measurements the terms contain.
+        Observers and targets of the readings in the terms.
     ways : tuple of Terms
-        For each robot, its terms: arms and values as stated come first of several, and then what
-        they were if its odometry erred all along.
+        The terms of each robot in several variants: the first as stated by odometry, the others
+        with a constant odometry error along the whole path.
     constants : tuple of (float, float)
-        For each robot, how far its odometry is off at one time, in m and in rad: by its constant
-        error, and by what it did within its latency.
+        For each robot, the odometry error at one time, in m and in rad: its constant error, and
+        the motion within its latency.
 
     """
 
@@ -107,16 +107,16 @@ class Past:
     constants: tuple[tuple[float, float], ...]
 
     def residuals(self, fit: Fit) -> list[FloatArray]:
-        """Return by how many half widths the terms of each robot are off a fit, as stated."""
+        """Return the residuals of the stated terms of each robot at a fit, in half widths."""
         return [residuals_of(way.variant(0), fit) for way in self.ways]
 
     def spread(self, fit: Fit, residuals: Sequence[FloatArray]) -> FloatArray:
         """
-        Return the products of the gradients that errors of the terms make at a robust fit.
+        Return the summed outer products of the error gradients at a robust fit.
 
-        Errors of readings are independent of each other, but for those of one target in a while.
-        What odometry does wrong it may do all along, so that its gradients add up first.
-        `residuals` are those of each robot.
+        Errors of readings count as independent, except errors of one target near one time.
+        Odometry may err the same way along the whole path, so its gradients are added first.
+        `residuals` are the residuals of each robot.
         """
         of_readings = _of_readings(self.terms, residuals_of(self.terms, fit))
         shares = np.sqrt(self.terms.common_errors(of_readings)) / np.hypot(1.0, of_readings)
@@ -133,11 +133,10 @@ class Past:
 
     def misfits(self, fit: Fit, residuals: Sequence[FloatArray]) -> Iterator[Misfit]:
         """
-        Yield the readings and steps that are farther off a robust fit than their bounds allow.
+        Yield the readings and odometry steps whose residuals at a robust fit exceed their bounds.
 
-        Errors of the odometry move the place of a reading, seen from the nearest body of the fit.
-        The part of a residual that they explain does not count. `residuals` are those of each
-        robot.
+        Odometry errors shift a reading relative to the nearest body of the fit. The part of a
+        residual that they explain does not count. `residuals` are the residuals of each robot.
         """
         n_points = len(fit.columns) - len(self.rows)
         owners = np.append(np.arange(n_points), self.rows)
@@ -160,7 +159,7 @@ class Past:
 
 
 def _misfits(kinds: IntArray, others: IntArray, off: FloatArray, robot: int) -> Iterator[Misfit]:
-    """Yield the groups of one kind and one other end that are off by too many half widths."""
+    """Yield the groups of terms of one kind and other end whose residuals are too large."""
     groups, numbers, counts = np.unique(
         np.stack([kinds, others]), axis=1, return_inverse=True, return_counts=True
     )
@@ -181,10 +180,10 @@ def _of_readings(terms: Terms, residuals: FloatArray) -> FloatArray:
 
 def past_of(snapshot: Snapshot, solved: Constraints, turning: Collection[int]) -> Past | None:
     """
-    Return what a window says of the points that are placed together; None when nothing.
+    Return the past of the points that are placed together; None if the window has no use.
 
-    `turning` are the rows of the robots whose rotation is known or fitted to what they see now.
-    That of others is guessed where they have seen landmarks, or what they saw is left out.
+    `turning` are the rows of the robots whose rotation is known or fitted to readings of now.
+    Rotations of other robots are guessed from landmarks; without them their readings are left out.
     """
     config, rows, odometry = snapshot.config, solved.rows, snapshot.motion.odometry
     if config.dimension != 2 or not snapshot.window.observations:
@@ -238,11 +237,11 @@ def _readings(
     snapshot: Snapshot, solved: Constraints, ways: Mapping[str, StatedWay]
 ) -> FloatArray:
     """
-    Return what robots on their ways and landmarks observed of each other, shape (m, 13).
+    Return the observations between moving robots and of landmarks, shape (m, 13).
 
-    A row has the bodies of observer and target, the time, the likeliest distance and its half
-    width, the bearing and its error, the arms of both ends, and the points observer and target;
-    NaN is what was not measured. Range differences are left out: a term has two ends.
+    A row holds the bodies of observer and target, the time, the likeliest distance and its half
+    width, the bearing and its error, the arms of both ends, and the points observer and target.
+    Missing values are NaN. Range differences are left out: a term has two ends.
     """
     config, arms, tables = snapshot.config, snapshot.mounts.arms_m, snapshot.carried.tables
     if not tables:
@@ -258,7 +257,7 @@ def _readings(
     kept[seen.differences] = False
     seen, bodies = seen.some(np.flatnonzero(kept)), bodies[kept]
     arms_m = np.array([arms.get(point, AT_ORIGIN)[:2] for point in config.points])[seen.ends]
-    # Who may look anywhere has seen nothing.
+    # A ray with an error of a half turn or more measures nothing.
     bearings_rad = np.arctan2(seen.rays[:, 1], seen.rays[:, 0]) - seen.expected_errors_rad
     bearings_rad[seen.errors_rad >= math.pi] = math.nan
     return np.column_stack(
@@ -278,7 +277,7 @@ def _readings(
 def _by_errors(
     way: StatedWay, table: FloatArray, ends: Sequence[_End]
 ) -> tuple[FloatArray, list[_End]]:
-    """Return the readings of a robot and their ends by each error of its own odometry alone."""
+    """Return the readings of a robot, and their ends with errors of its own odometry only."""
     own = table[:, :2].T == way.row
     mine = own.any(axis=0)
     erring = [
@@ -294,7 +293,7 @@ def _by_errors(
 
 
 def _packed(table: FloatArray, ends: Sequence[_End]) -> list[Terms]:
-    """Return the ranges and the rays of observations, as `_readings` has them."""
+    """Return terms for the ranges and the rays of a table from `_readings`."""
     distances_m, half_widths_m, bearings_rad, errors_rad = table[:, 3:7].T.copy()
     first, second = ends
     unknown_m = first.unknown[:, 0] + second.unknown[:, 0]
@@ -308,7 +307,7 @@ def _packed(table: FloatArray, ends: Sequence[_End]) -> list[Terms]:
     values[..., 0] = distances_m
     rays = directions(first.poses[..., 2] + bearings_rad)
     ranged = np.isfinite(distances_m) & np.isfinite(half_widths_m)
-    # How what is fixed is turned is not known.
+    # The orientation of fixed points is unknown.
     sighted = np.isfinite(bearings_rad) & first.moves
     return [
         packed(kind, bodies[known], arms_m[:, known], value[:, known], half_widths[known])
@@ -321,9 +320,9 @@ def _packed(table: FloatArray, ends: Sequence[_End]) -> list[Terms]:
 
 def _ends(table: FloatArray, ways: Iterable[StatedWay]) -> list[_End]:
     """
-    Return where the observers and the targets of a table were, by the ways of robots.
+    Return the ends of the observers and of the targets of a table.
 
-    What is fixed has always been the same body.
+    A fixed point is the same body at all times.
     """
     found = []
     for rows in table[:, :2].T.astype(int):
@@ -339,7 +338,7 @@ def _ends(table: FloatArray, ways: Iterable[StatedWay]) -> list[_End]:
 
 
 def _points_on(poses: FloatArray, arms_m: FloatArray) -> FloatArray:
-    """Return where points on bodies are, shape (..., m, 2), by the poses (x, y, yaw) of these."""
+    """Return the places of points on bodies with poses (x, y, yaw), shape (..., m, 2)."""
     c, s = np.cos(poses[..., 2]), np.sin(poses[..., 2])
     x, y = arms_m.T
     return poses[..., :2] + np.stack([c * x - s * y, s * x + c * y], axis=-1)
@@ -347,10 +346,10 @@ def _points_on(poses: FloatArray, arms_m: FloatArray) -> FloatArray:
 
 def _laid_on_map(way: StatedWay, table: FloatArray, places_m: FloatArray) -> FloatArray | None:
     """
-    Return the pose (x, y, yaw) that puts the landmarks that a robot saw where the map has them.
+    Return the pose (x, y, yaw) that registers the landmarks that a robot saw to the map.
 
-    Landmarks that are off count less in every round, so that a few that were misread do not
-    matter. None where fewer than two are known.
+    Landmarks that are off are weighted down in every round, so that a few misread ones do not
+    matter. Return None if fewer than two are known.
     """
     own = table[table[:, 0] == way.row]
     poses, true_m = way.poses_now(own[:, 2]), places_m[own[:, 1].astype(int)]

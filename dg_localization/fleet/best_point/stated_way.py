@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The way of a robot in the plane as its odometry states it: its bodies now and before.
+The path of a robot in the plane as its odometry states it: its bodies now and before.
 
-Plain floating point: it serves an estimate. What is proved comes from `fleet.odometry`. While
-nothing is measured of a robot, its likeliest pose is that of the last fit, carried by its
-odometry: a fit of what is left in the window would forget what the last one knew.
+This is plain floating point for an estimate; proved bounds come from `fleet.odometry`. While
+nothing is measured of a robot, its likeliest pose is the pose of the last fit, carried by its
+odometry: a fit of the remaining window would lose information that the last fit had.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 MOST_SAMPLES = 200
-"""Between them the way is straight."""
+"""The path is straight between samples."""
 
 VARIANTS = 5
-"""Of a way: as stated, and as it was if odometry erred all along, for one of four reasons."""
+"""Variants of a path: as stated, and with each of four odometry errors along the whole path."""
 
 STEP_ERROR = 1e-3
-"""Odometry is never as exact as its bounds may say, in m and in rad."""
+"""Least odometry error of a step, in m and in rad, even if its bounds are smaller."""
 
 
 AXES = [0, 1, 5]
@@ -52,10 +52,10 @@ class StatedWay:
         stamps_s = path.stamps_s[first:]
         steps_s, known = np.diff(stamps_s), path.is_known[first:]
         self._sampled_s = stamps_s, np.append(0.0, np.cumsum(np.where(known, 0.0, steps_s)))
-        # The newest one counts most.
+        # Thin from the newest sample backward, since it counts most.
         every = slice(None, None, -max(1, len(stamps_s) // MOST_SAMPLES))
         self._stamps_s, poses = stamps_s[every][::-1], path.poses[first:][every][::-1]
-        # Where it was before its odometry began is not known.
+        # Poses before the first odometry sample are unknown.
         self.since_s = max(oldest_s, float(self._stamps_s[0]))
         yaws_rad = np.unwrap(poses[:, 2])
         steps_m = np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1)
@@ -74,8 +74,8 @@ class StatedWay:
         """
         Return the bodies nearest to some times, and the pose at each time in their frames.
 
-        Poses are those of all variants, shape (v, m, 3). The last array, shape (m, 2), is what
-        silent odometry leaves open of each, in m and rad.
+        The poses of all variants have the shape (v, m, 3). The last array, shape (m, 2), is the
+        uncertainty from silent odometry, in m and rad.
         """
         spacing_s = self.times_s[0] - self.times_s[1]
         nearest = np.rint((self.times_s[0] - stamps_s) / spacing_s).astype(int)
@@ -85,12 +85,12 @@ class StatedWay:
         return self._bodies[nearest], poses, unknown.T
 
     def poses_now(self, stamps_s: FloatArray) -> FloatArray:
-        """Return the stated poses at some times, seen from that of now, shape (m, 3)."""
+        """Return the stated poses at some times relative to the pose now, shape (m, 3)."""
         poses = self._poses(np.append(self._now_s, stamps_s), 1)[0]
         return seen_from(poses[0], poses[1:])
 
     def steps(self) -> Terms:
-        """Return the terms that odometry makes of the bodies, in all variants."""
+        """Return the odometry terms between successive bodies, in all variants."""
         bodies = np.stack([self._bodies[:-1], self._bodies[1:]], axis=-1)
         between = seen_from(self._poses_of_bodies[:, :-1], self._poses_of_bodies[:, 1:])
         errors_m, errors_rad = self._errors(self.times_s)
@@ -102,23 +102,23 @@ class StatedWay:
         return Terms.joined([packed(STEP, bodies, ends, nothing, errors_m), turned])
 
     def whole(self) -> tuple[FloatArray, float, float]:
-        """Return the pose of now seen from the oldest one, and its errors in m and in rad."""
+        """Return the pose now relative to the oldest one, and its errors in m and in rad."""
         times_s = np.array([self._now_s, self._oldest_s])
         now, then = self._poses(times_s, 1)[0]
         ((error_m,), (error_rad,)) = self._errors(times_s)
-        # Both ends may be late, by different times.
+        # Both ends may be late, by different latencies.
         off_m, off_rad = self.constants()
         return seen_from(then, now), float(error_m + 2.0 * off_m), float(error_rad + 2.0 * off_rad)
 
     def constants(self) -> tuple[float, float]:
-        """Return how far odometry is off at one time, its way to there apart, in m and in rad."""
+        """Return the odometry error at one time without drift along the path, in m and in rad."""
         speed_m_s, rate_rad_s = (limit if self._error.latency_s else 0.0 for limit in self._limits)
         late_s = self._error.latency_s
         constant_m = self._error.constant_m + late_s * speed_m_s
         return constant_m, self._error.constant_rad + late_s * rate_rad_s
 
     def _errors(self, times_s: FloatArray) -> FloatArray:
-        """Return the errors of the ways between falling times, in m and in rad, shape (2, m)."""
+        """Return the errors between successive descending times, in m and rad, shape (2, m)."""
         error = self._error
         driven = [-np.diff(np.interp(times_s, self._stamps_s, sums)) for sums in self._sums]
         rates = [
@@ -133,9 +133,9 @@ class StatedWay:
         self, places_m: NDArray[np.complex128], yaws_rad: FloatArray
     ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray, float]]:
         """
-        Yield x, y and yaw of each variant, and how late they are.
+        Yield x, y and yaw of each variant, and its latency.
 
-        The stated way comes first. In others odometry errs as far as its bounds allow all along.
+        The first is the stated path. In the others odometry errs to its bounds all the way.
         """
         error = self._error
         yield places_m.real, places_m.imag, yaws_rad, 0.0
@@ -148,7 +148,7 @@ class StatedWay:
         yield places_m.real, places_m.imag, yaws_rad, error.latency_s
 
     def _poses(self, times_s: FloatArray, count: int = VARIANTS) -> FloatArray:
-        """Return the first variants at some times, shape (v, m, 3); the ends of the way beyond."""
+        """Return the poses of the first variants at times, clamped to the path, (v, m, 3)."""
         stamps_s = self._stamps_s
         return np.array(
             [
@@ -159,16 +159,16 @@ class StatedWay:
 
     def _unknown_motion(self, first_s: FloatArray, second_s: FloatArray) -> FloatArray:
         """
-        Return what the stated motion between times leaves open, in m and rad, shape (2, m).
+        Return the uncertainty of the motion while odometry was silent, in m and rad, shape (2, m).
 
-        That is how far the robot can have gone while odometry was silent. It is as likely as not
-        that it went on at full speed, so that half width counts as a deviation.
+        The robot may well have continued at full speed, so the greatest motion counts as a
+        standard deviation, not as a half width.
         """
         silent_s = np.abs(self._silent_s(second_s) - self._silent_s(first_s))
         return np.multiply.outer(self._limits, math.sqrt(3.0) * silent_s)
 
     def _silent_s(self, times_s: FloatArray) -> FloatArray:
-        """Return for how long odometry was silent up to some times, after its last message too."""
+        """Return the silent time of odometry up to some times, also after its last message."""
         stamps_s, silent_s = self._sampled_s
         return np.interp(times_s, stamps_s, silent_s) + np.maximum(times_s - stamps_s[-1], 0.0)
 
@@ -188,7 +188,7 @@ def directions(angles_rad: FloatArray) -> FloatArray:
 
 
 def seen_from(origins: FloatArray, poses: FloatArray) -> FloatArray:
-    """Return poses (x, y, yaw) seen from others, shape (..., 3)."""
+    """Return poses (x, y, yaw) relative to origins, shape (..., 3)."""
     dx, dy, turn = np.moveaxis(poses - origins, -1, 0)
     c, s = np.cos(origins[..., 2]), np.sin(origins[..., 2])
     return np.stack([c * dx + s * dy, c * dy - s * dx, turn], axis=-1)
@@ -197,7 +197,7 @@ def seen_from(origins: FloatArray, poses: FloatArray) -> FloatArray:
 @dataclass(frozen=True, eq=False)
 class LikelyPose:
     """
-    Where a robot in the plane was likely at a time, among the anchors.
+    The likeliest pose of a robot in the plane among the anchors at a time.
 
     Parameters
     ----------
@@ -216,7 +216,7 @@ class LikelyPose:
     covariance: FloatArray
 
     def carried(self, snapshot: Snapshot, robot: str) -> LikelyPose | None:
-        """Return the pose at the time of a snapshot; None where odometry does not tell."""
+        """Return the pose at the time of a snapshot; None if odometry does not reach back."""
         track = snapshot.motion.odometry.get(robot)
         if not track or track[0].stamp_s > self.stamp_s:
             return None
@@ -226,7 +226,7 @@ class LikelyPose:
         c, s = math.cos(yaw_rad), math.sin(yaw_rad)
         dx, dy = c * dx - s * dy, s * dx + c * dy
         change = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
-        # The errors of a step are the same all along at worst.
+        # At worst the errors are equal along the whole step.
         off_m2 = (error_m**2 + (error_rad * math.hypot(dx, dy)) ** 2) / UNIFORM
         errors = np.diag([off_m2, off_m2, error_rad**2 / UNIFORM])
         return LikelyPose(
@@ -241,7 +241,7 @@ def carried_on(
     snapshot: Snapshot, placement: Placement, before: Mapping[str, LikelyPose]
 ) -> tuple[Placement, dict[str, LikelyPose]]:
     """
-    Return a placement among anchors, and the likely poses of its robots.
+    Return a placement among anchors, and the likeliest poses of its robots.
 
     A robot that has not been measured since its last fit gets the pose of that fit, carried to
     now by its odometry.
@@ -280,7 +280,7 @@ def carried_on(
 
 
 def _newest_observations_s(snapshot: Snapshot) -> dict[str, float]:
-    """Return when each robot was last observed, or observed another."""
+    """Return the time of the newest observation by or of each robot."""
     config, newest_s = snapshot.config, dict[str, float]()
     for ends, seen in snapshot.window.observations.items():
         for robot in map(config.robot_of, ends):

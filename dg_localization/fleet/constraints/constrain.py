@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Everything a snapshot says about its points, and the problem that the solver is asked.
+Constraints of a snapshot on its points, and the problem for the solver.
 
-Every step only intersects with something the true fleet satisfies, rounded outward.
+Every step intersects with a constraint that the true fleet satisfies, rounded outward.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ FloatArray = NDArray[np.float64]
 @dataclass(frozen=True)
 class Constraints:
     """
-    What is known of some points at the time of a snapshot.
+    Constraints on points at the time of a snapshot.
 
     Parameters
     ----------
@@ -45,12 +45,12 @@ class Constraints:
     lower, upper : numpy.ndarray, shape (n, n)
         Squared distances in m^2.
     measured : numpy.ndarray of bool, shape (n, n)
-        Which of them would be known if there were no errors. Points of one robot have bounds by
-        what others of it measure, which leave them the length of their arm, and a window may bound
-        what nothing fixes.
+        Whether a distance would be known exactly if readings had no errors. Other distances may
+        have bounds too: those shared between the points of one robot, which are as wide as a lever
+        arm, and those of a window that does not fix them.
     chiralities : tuple of Chirality
     rays : mapping of str to tuple of RayReading
-        By observer, in its body frame at the time of the snapshot.
+        Rays by observer, in its body frame at the time of the snapshot.
     angles : Angles
         Angles under which pairs of points are seen.
     dimension : int
@@ -73,7 +73,7 @@ class Constraints:
 
     @property
     def contradictory(self) -> bool:
-        """Whether some distance is left without any value."""
+        """Whether the bounds of some distance are empty."""
         return bool((self.lower > self.upper).any())
 
     @cached_property
@@ -85,7 +85,7 @@ class Constraints:
         """
         Return whether the measured distances may leave a placement free to move.
 
-        That a robot may turn about its only point that anybody measured does not count.
+        The rotation of a robot about its only measured point does not count.
         """
         if positions is None:
             return True
@@ -97,7 +97,7 @@ class Constraints:
         return is_flexible(positions[held], self.measured[np.ix_(held, held)])
 
     def component_of(self, point: int) -> tuple[int, ...]:
-        """Return the points that bounded distances join to `point`, itself included, in order."""
+        """Return the points connected to `point` by bounded distances, with itself, in order."""
         reached, pending = {point}, [point]
         while pending:
             bounded = np.isfinite(self.upper[pending.pop()])
@@ -107,7 +107,7 @@ class Constraints:
         return tuple(sorted(reached))
 
     def of(self, points: Sequence[int]) -> Constraints:
-        """Return what is known of some of the points, renumbered in the order of the list."""
+        """Return the constraints of some of the points, renumbered in the order of the list."""
         row_of = {point: row for row, point in enumerate(points)}
         names = tuple(self.points[point] for point in points)
         chosen = np.ix_(points, points)
@@ -131,7 +131,7 @@ class Constraints:
         )
 
     def problem(self) -> Problem:
-        """Return what the solver is asked."""
+        """Return the problem for the solver."""
         return Problem(
             self.lower, self.upper, dimension=self.dimension, chiralities=self.chiralities
         )
@@ -143,10 +143,10 @@ def constrain(
     remembered: Iterable[tuple[PairBounds, bool]] = (),
 ) -> Constraints:
     """
-    Return what a snapshot says about the points, some links left out.
+    Return the constraints of a snapshot, without dropped links.
 
-    `remembered` are bounds of distances, and whether they are loose: known by no measurement, were
-    it without errors.
+    `remembered` are bounds of distances, and whether they are loose: exact readings would not fix
+    a loose distance.
     """
     config = snapshot.config
     rows = {name: row for row, name in enumerate(config.points)}
@@ -190,7 +190,7 @@ def _narrow_by_angles(lower: FloatArray, upper: FloatArray, angles: Angles) -> N
 def _bundles(
     snapshot: Snapshot, dropped: frozenset[LinkKey], rows: Mapping[str, int], lower: FloatArray
 ) -> dict[str, RayBundle]:
-    """Return the rays of every observer, with the displacement since in their half widths."""
+    """Return the rays of every observer; their half widths include the displacements since."""
     seen: dict[str, list[RayReading]] = {}
     for ray in snapshot.rays:
         if ray.key not in dropped:
@@ -200,7 +200,7 @@ def _bundles(
     for robot, members in snapshot.mounts.members.items():
         for observer in members:
             if observer == robot or observer in seen:
-                # They come last: a pair of rays is compared at the time of the second.
+                # Mounted rays come last: a pair of rays is compared at the time of the second.
                 known = snapshot.mounts.rays.get(observer, ())
                 now = (replace(ray, stamp_s=snapshot.stamp_s) for ray in known)
                 seen.setdefault(observer, []).extend(now)

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Distances: measured, between anchors, by the size of the robots, and by triangulation."""
+"""Bounds of distances, by readings, anchors, the size of robots, and triangulation."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def given_distances(
     rows: Mapping[str, int],
     remembered: Iterable[PairBounds] = (),
 ) -> tuple[FloatArray, FloatArray]:
-    """Return bounds of all squared distances, from everything but the rays."""
+    """Return bounds of all squared distances, from all data except the rays."""
     lower = np.zeros((len(rows), len(rows)))
     upper = np.full((len(rows), len(rows)), np.inf)
     np.fill_diagonal(upper, 0.0)
@@ -55,7 +55,7 @@ def given_distances(
 def share_on_robots(
     snapshot: Snapshot, rows: Mapping[str, int], lower: FloatArray, upper: FloatArray
 ) -> None:
-    """Bound the distances from each point of a robot by those from the others of it, in place."""
+    """Bound the distances from each point of a robot by those of its other points, in place."""
     for first, second, _, s_upper_m2 in snapshot.mounts.distances:
         _share_bounds(lower, upper, rows[first], rows[second], sqrt_up(s_upper_m2))
 
@@ -63,7 +63,7 @@ def share_on_robots(
 def _share_bounds(
     lower: FloatArray, upper: FloatArray, first: int, second: int, apart_m: float
 ) -> None:
-    """Bound the distances from two points of one robot by those from the other, in place."""
+    """Bound the distances from two points of one robot by each other, in place."""
     for known, bounded in ((first, second), (second, first)):
         reach = Interval(np.array(-apart_m), np.array(apart_m))
         squared = (Interval(lower[known], upper[known]).sqrt() + reach).square()
@@ -112,7 +112,7 @@ def triangulate(lower: FloatArray, upper: FloatArray, angles: Angles) -> None:
     """
     Bound the distances to points that are seen from both ends of a known distance, in place.
 
-    With the angles A at a and B at b, the third is pi - A - B, and the sides are as the sines:
+    With the angles A at a and B at b, the third angle is pi - A - B, and the law of sines gives
     d_ac = d_ab sin B / sin(A + B).
     """
     unranged = np.isinf(upper)

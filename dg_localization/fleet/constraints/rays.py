@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Rays of one observer, brought into common body frames, and the angles and chiralities they show.
+Rays of one observer in common body frames, and their angles and chiralities.
 
-Rays of one image need no motion to be compared. Rays of different times do: the rotation of the
-observer between them turns them, and what is not known of it widens them.
+Rays of one image are compared directly. Rays of different times are first rotated by the motion of
+the observer between them, and widened by its uncertainty.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ class Angles:
     Parameters
     ----------
     corners : numpy.ndarray of int, shape (m, 3)
-        The rows of the observer, of the first target and of the second.
+        The rows of the observer, the first target and the second target.
     angles_rad : numpy.ndarray, shape (m,)
-        From the first ray to the second: in the plane counterclockwise, in (-pi, pi]; in space
-        in [0, pi].
+        Angles from the first ray to the second: in the plane counterclockwise, in (-pi, pi]; in
+        space in [0, pi].
     half_widths_rad : numpy.ndarray, shape (m,)
         Greatest error of each angle.
 
@@ -75,7 +75,7 @@ class Angles:
 
     @classmethod
     def joined(cls, parts: Iterable[Angles]) -> Angles:
-        """Return the angles of all observers, without those that say nothing."""
+        """Return the angles of all observers, without angles that bound nothing."""
         nothing = cls(np.empty((0, 3), dtype=np.int64), np.empty(0), np.empty(0))
         every = [nothing, *parts]
         widths = np.concatenate([part.half_widths_rad for part in every])
@@ -105,7 +105,7 @@ def include_displacement(ray: RayReading, s_lower_m2: float) -> RayReading:
 
 
 def _turn_by_displacement_rad(displacement_m: float, s_lower_m2: float) -> float:
-    """Return by how much a displacement can turn the line between two points."""
+    """Return the greatest angle by which a displacement can turn the line between two points."""
     if displacement_m == 0.0:
         return 0.0
     d_lower_m = sqrt_down(s_lower_m2)
@@ -122,13 +122,13 @@ class RayBundle:
     Parameters
     ----------
     rays : sequence of RayReading
-        All of one observer, at least one; their displacement is included.
+        All rays of one observer, at least one; their displacement is included.
     measured : int
-        How many of them were: the others, which come last, are known from mounts at any time.
+        The number of measured rays. The others come last and follow from mounts at any time.
     rows : mapping of str to int
         The row of each point.
     motion : Motion
-        How the observer turned between the times of the rays.
+        The motion of the observer between the times of the rays.
 
     """
 
@@ -141,8 +141,8 @@ class RayBundle:
         """
         Return all rays in the body frame of the observer at the time of an estimate.
 
-        Its own clock may show that time earlier or later: a ray with the same stamp is of another
-        time then.
+        The clock of the observer may be fast or slow: a ray with the same stamp was then taken at
+        another time.
         """
         rays = self.at(now_s)
         if self.motion.config.between_stamps_s == 0.0:
@@ -177,7 +177,7 @@ class RayBundle:
         return Angles(corners.reshape(-1, 3), angles, angle_up(widths))
 
     def chiralities(self) -> Iterator[Chirality]:
-        """Yield the chirality of the observer in space with three targets, where it is certain."""
+        """Yield each certain chirality of the observer in space with three targets."""
         for chosen in combinations(range(len(self.rays)), 3):
             rays = [self._views[chosen[-1]][i] for i in chosen]
             sign = spatial_sign(rays)
@@ -193,7 +193,7 @@ class RayBundle:
         """
         Return all rays in the body frame at the time of each of them.
 
-        Those known from mounts are of the time of the estimate, not of any stamp.
+        Rays from mounts belong to the time of the estimate, not to a stamp.
         """
         measured = self.rays[: self.measured]
         known = self.rays[self.measured :]
@@ -223,7 +223,7 @@ class RayBundle:
 
 def spatial_sign(rays: Sequence[RayReading]) -> int:
     """
-    Return the sign of the determinant of three rays, or 0 when in doubt.
+    Return the sign of the determinant of three rays, or 0 if it is not certain.
 
     With unit vectors u', v', w' within the half widths of u, v, w, the determinant changes by
     det(u'-u, v, w) + det(u', v'-v, w) + det(u', v', w'-w). A difference is at most

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Wrong readings: what contradicts what, whom to suspect, and what remains without them.
+Wrong readings: conflicts between observations, suspects, and the answers without them.
 
-`suspects` says who can be wrong, `conflicts` searches for minimal sets, `oracle` decides whether
-observations contradict each other, `explanation` puts these together. `offenders` counts who was
-suspected over time.
+`suspects` defines what can be wrong and counts suspects over time, `conflicts` searches for
+minimal sets, `explanation` decides whether observations contradict each other and explains why.
+`stuck` watches for readings and odometry that never change.
 """

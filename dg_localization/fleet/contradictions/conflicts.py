@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Which observations contradict each other, and whom to drop so that the rest agree.
+Minimal conflicts between observations, and minimal corrections that make the rest agree.
 
-A conflict is a set of observations that no placement agrees with; it is minimal when some
-placement agrees with every proper subset. A correction is a set of suspects without whose
-observations the rest agree. Every correction shares an observation with every conflict, so the
-minimal corrections are found by branching on the suspects in one conflict after the other (Reiter,
+A conflict is a set of observations that no placement agrees with. It is minimal if every proper
+subset agrees with some placement. A correction is a set of suspects; without their observations
+the rest agree. Every correction shares an observation with every conflict, so the minimal
+corrections are found by branching on the suspects in one conflict after the other (Reiter,
 A theory of diagnosis from first principles, 1987). A conflict is made minimal by leaving out
 halves (Junker, QuickXplain, 2004).
 """
@@ -29,32 +29,32 @@ class Effort(IntEnum):
     """How hard to look for a contradiction."""
 
     PAIRS = 0
-    """At pairs, triangles and angles only: takes a millisecond, and shows most contradictions."""
+    """Check pairs, triangles and angles only: takes 1 ms and shows most contradictions."""
 
     BRIEF = 1
-    """With the solver, at the points that are concerned."""
+    """Solve for the points concerned."""
 
     THOROUGH = 2
-    """With the solver, at the whole fleet and its headings."""
+    """Solve for the whole fleet and its headings."""
 
 
 Contradicts = Callable[[Suspects, Effort], bool]
-"""Whether some observations alone contradict each other: true is a proof."""
+"""Returns whether observations contradict each other; true is a proof."""
 
 
 @dataclass(frozen=True)
 class Limits:
     """
-    How far to search.
+    Limits of a search.
 
     Parameters
     ----------
     max_outliers : int
         Greatest size of a correction.
     max_solves : int
-        How often to ask the solver.
+        Most calls of the solver.
     max_seconds : float
-        How long to go on.
+        Longest time.
     cancel : Cancel, optional
         Ends the search when set.
 
@@ -74,19 +74,19 @@ class Explanation:
     Parameters
     ----------
     conflicts : tuple of frozenset of Suspect
-        Proved conflicts, minimal as far as the solver can tell in brief.
+        Proved conflicts, minimal as far as brief solves show.
     corrections : tuple of frozenset of Suspect
         All minimal corrections of up to `searched` suspects.
     searched : int
         The greatest size of corrections for which the limits sufficed.
     among : frozenset of Suspect
-        Observations that contradict each other, where the limits did not suffice to find a
-        minimal conflict among them.
+        Observations that contradict each other, if the limits did not suffice to find a minimal
+        conflict among them.
     culprits : tuple of Suspect
-        Without corrections, those that each alone explain everything, as far as the solver can
-        tell in brief: observations, else sensors, else robots.
+        If there are no corrections: suspects that each explain everything alone, as far as brief
+        solves show. They are observations, else sensors, else robots.
     together : tuple of (Suspect, Suspect)
-        Without any of these, pairs of anchors that explain everything: they may be exchanged.
+        If there are no culprits either: pairs of anchors that explain it; they may be swapped.
     stopped : bool
         Whether the limits ended the search for conflicts or culprits.
 
@@ -106,7 +106,7 @@ class _LimitReachedError(Exception):
 
 
 class _Oracle:
-    """Answers whether observations contradict each other, within limits; remembers its answers."""
+    """Decides whether observations contradict each other, within limits; caches its answers."""
 
     def __init__(self, contradicts: Contradicts, limits: Limits) -> None:
         self._contradicts = contradicts
@@ -116,7 +116,7 @@ class _Oracle:
         self._known: dict[tuple[Suspects, Effort], bool] = {}
 
     def __call__(self, observations: Suspects, effort: Effort) -> bool:
-        """Return whether no placement agrees with observations; raise at a limit."""
+        """Return whether no placement agrees with observations; raise if a limit is reached."""
         if any(self._known.get((observations, less)) for less in Effort):
             return True
         question = (observations, effort)
@@ -124,20 +124,20 @@ class _Oracle:
             self._spend(effort)
             answer = self._contradicts(observations, effort)
             if self._cancelled():
-                # The answer may be that of a search that was stopped.
+                # The search may have been stopped before it found an answer.
                 raise _LimitReachedError
             self._known[question] = answer
         return self._known[question]
 
     def _spend(self, effort: Effort) -> None:
-        """Charge one question to the limits; raise when they are reached."""
+        """Charge one call to the limits; raise if they are reached."""
         late = time.monotonic() > self._deadline_s
         if self._solves_left <= 0 or late or self._cancelled():
             raise _LimitReachedError
         self._solves_left -= effort is not Effort.PAIRS
 
     def _cancelled(self) -> bool:
-        """Return whether to stop."""
+        """Return whether the search is cancelled."""
         return self._cancel is not None and self._cancel.is_set()
 
 
@@ -156,18 +156,18 @@ def explain(
     Parameters
     ----------
     observations : frozenset of Suspect
-        They contradict each other.
+        Observations that contradict each other.
     regions : sequence of frozenset of Suspect
-        Parts of them that are small problems, where a contradiction is found sooner.
+        Subsets that are small problems, in which a contradiction is found sooner.
     named : sequence of mapping of Suspect to frozenset of Suspect
-        Suspects with the observations that each stands for, small ones first. Corrections consist
-        of the first; all serve to name a culprit.
+        Suspects with the observations that each covers, small ones first. Corrections consist of
+        suspects of the first mapping; all mappings serve to name a culprit.
     contradicts : callable
     limits : Limits
     refuted : collection of frozenset of Suspect, optional
-        Sets that are known to be no corrections, although no effort shows it.
+        Sets that are known to be no corrections, although no effort of the oracle shows it.
     anchors : mapping of Suspect to frozenset of Suspect, optional
-        Those that two may explain together: they may be exchanged.
+        Anchors of which two together may explain everything: they may be swapped.
 
     Returns
     -------
@@ -181,7 +181,7 @@ def explain(
     culprits: tuple[Suspect, ...] = ()
     together: tuple[tuple[Suspect, Suspect], ...] = ()
     try:
-        # One size after the other: where larger ones take too long, smaller ones are known.
+        # In order of size: if the larger ones take too long, the smaller ones are known.
         for size in range(1, limits.max_outliers + 1):
             search.find_corrections(named[0], size)
             searched = size
@@ -203,7 +203,7 @@ def explain(
 
 
 class _Search:
-    """The search for conflicts and corrections, with what has been found so far."""
+    """The search for conflicts and corrections, with its results so far."""
 
     def __init__(
         self,
@@ -221,14 +221,14 @@ class _Search:
         self.among: Suspects = frozenset()
 
     def find_corrections(self, named: Mapping[Suspect, Suspects], max_outliers: int) -> None:
-        """Find all minimal corrections of up to `max_outliers` suspects, or keep those known."""
+        """Find all minimal corrections of at most `max_outliers` suspects, or raise at a limit."""
         level: list[Suspects] = [frozenset()]
         corrections: list[Suspects] = []
         for size in range(max_outliers + 1):
             following: set[Suspects] = set()
             for dropped in _not_covered(level, corrections):
                 without = _stand_for(dropped, named)
-                # No larger corrections are wanted: there it is enough that some conflict is left.
+                # No larger corrections are wanted, so the conflict need not be minimal.
                 conflict = self._conflict_without(without, minimal=size < max_outliers)
                 if conflict is None:
                     corrections.append(dropped)
@@ -242,7 +242,7 @@ class _Search:
         self.corrections = corrections
 
     def find_disjoint_conflicts(self) -> None:
-        """Find conflicts that share nothing with the known ones, until the rest agree."""
+        """Find conflicts that are disjoint from the known ones, until the rest agree."""
         rest = self._observations.difference(*self.conflicts)
         most = Effort.BRIEF if self.conflicts else Effort.THOROUGH
         while (conflict := self._conflict_in(rest, most)) is not None:
@@ -253,7 +253,7 @@ class _Search:
             most = Effort.BRIEF
 
     def culprits(self, named: Sequence[Mapping[Suspect, Suspects]]) -> tuple[Suspect, ...]:
-        """Return those of the smallest suspects without one of which the rest seem to agree."""
+        """Return the smallest suspects that each make the rest seem to agree when dropped."""
         for suspects in named:
             found = tuple(
                 suspect
@@ -266,7 +266,7 @@ class _Search:
         return ()
 
     def together(self, anchors: Mapping[Suspect, Suspects]) -> tuple[tuple[Suspect, Suspect], ...]:
-        """Return the pairs of anchors without one of which the rest seem to agree."""
+        """Return the pairs of anchors that make the rest seem to agree when dropped."""
         return tuple(
             (first, second)
             for first, second in combinations(anchors, 2)
@@ -275,7 +275,7 @@ class _Search:
         )
 
     def _conflict_without(self, dropped: Suspects, *, minimal: bool) -> Suspects | None:
-        """Return a conflict that none of the dropped observations is part of, or None."""
+        """Return a conflict without dropped observations; None if no effort shows one."""
         for conflict in self.conflicts:
             if not conflict & dropped:
                 return conflict
@@ -290,11 +290,11 @@ class _Search:
         return found
 
     def _contradict(self, observations: Suspects) -> bool:
-        """Return whether observations contradict each other as far as a brief look shows."""
+        """Return whether brief checks show that observations contradict each other."""
         return self._where(observations, Effort.BRIEF) is not None
 
     def _conflict_in(self, observations: Suspects, most: Effort) -> Suspects | None:
-        """Return a minimal conflict among observations; None where no effort shows one."""
+        """Return a minimal conflict among observations; None if no effort shows one."""
         found = self._where(observations, most)
         if found is None:
             return None
@@ -306,7 +306,7 @@ class _Search:
         return conflict
 
     def _where(self, observations: Suspects, most: Effort) -> tuple[Suspects, Effort] | None:
-        """Return a part of observations that contradicts itself, and how hard it is to see."""
+        """Return a subset of observations in conflict, and the effort that shows it."""
         if self._oracle(observations, Effort.PAIRS):
             return observations, Effort.PAIRS
         for region in self._regions:
@@ -319,7 +319,7 @@ class _Search:
         return None
 
     def _minimize(self, observations: Suspects, effort: Effort) -> Suspects:
-        """Return a minimal part of contradicting observations that still contradicts itself."""
+        """Return a minimal subset of contradicting observations that is still in conflict."""
         needed = observations
         pending = [sorted(observations)]
         while pending:
@@ -334,12 +334,12 @@ class _Search:
 
 
 def _not_covered(level: list[Suspects], corrections: list[Suspects]) -> Iterator[Suspects]:
-    """Yield the sets that contain no correction known by the time they are reached."""
+    """Yield the sets that contain no correction known when they are reached."""
     for dropped in level:
         if not any(correction <= dropped for correction in corrections):
             yield dropped
 
 
 def _stand_for(suspects: Suspects, named: Mapping[Suspect, Suspects]) -> Suspects:
-    """Return all observations that some suspects stand for."""
+    """Return all observations that suspects cover."""
     return frozenset().union(*(named[suspect] for suspect in suspects))

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Whether observations of a snapshot contradict each other, and why, in words and names."""
+"""Detection and explanation of contradictions between the observations of a snapshot."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ from dg_localization.solver.result import Verdict
 from dg_localization.solver.solve import solve
 
 BRIEF_BOXES = 32
-"""Most boxes of one brief problem: a contradiction shows early or hardly ever."""
+"""Most boxes of one brief solve: a contradiction shows early or rarely at all."""
 
 
 MOST_SEARCHES = 3
-"""Most searches for corrections, and one more for each outlier. After these there is no answer:
-each found corrections that were wrong or not proved."""
+"""Most searches for corrections, plus one per tolerated outlier. If all of them find corrections
+that are wrong or not proved, there is no answer."""
 
 OF_SETTINGS = (
     'the settings contradict each other, whatever is measured: anchors, mounts, elevations or '
@@ -57,7 +57,7 @@ class ContradictionOracle:
     ----------
     snapshot : Snapshot
     observed : Observations
-        Its observations.
+        The observations of the snapshot.
     cancel : Cancel, optional
         Stops a search of the solver when set.
 
@@ -74,7 +74,7 @@ class ContradictionOracle:
         self._brief = replace(self._thorough, max_boxes=boxes, max_hypotheses=1)
 
     def __call__(self, observations: Suspects, effort: Effort) -> bool:
-        """Return whether no placement agrees with observations: true is a proof."""
+        """Return whether no placement agrees with observations; true is a proof."""
         links = self._observed.links_of(observations)
         dropped = self._everything - links
         constraints = constrain(self._snapshot, dropped)
@@ -95,7 +95,7 @@ class ContradictionOracle:
         return whole.verdict is Verdict.INFEASIBLE
 
     def _points_of(self, links: Links, constraints: Constraints) -> tuple[int, ...]:
-        """Return the points that links concern, with the rest of their bodies that helps."""
+        """Return the points of links, with the other points of their bodies that may help."""
         config, rows = self._snapshot.config, constraints.rows
         members = self._snapshot.mounts.members
         points = set()
@@ -104,14 +104,14 @@ class ContradictionOracle:
                 robot = config.robot_of(point)
                 points |= {rows[member] for member in members.get(robot, (point,))}
         if points & self._snapshot.anchors.boxes.keys():
-            # Which of two mirror images the anchors are.
+            # These points decide the mirror image of the anchors.
             for known in self._snapshot.anchors.chiralities:
                 points.update(known.points)
         return tuple(sorted(points))
 
 
 def _triangles_hold(constraints: Constraints) -> bool:
-    """Return whether each distance fits the ways through one other point."""
+    """Return whether all distances meet the triangle inequality over one other point."""
     distance = Interval(constraints.lower, constraints.upper).sqrt()
     return all(
         np.all(distance.lower <= (distance[:, point, None] + distance[None, point]).upper)
@@ -123,7 +123,7 @@ def _small_parts(snapshot: Snapshot, observed: Observations) -> Iterator[Suspect
     """
     Yield parts of the observations that concern few robots, small ones first.
 
-    Robots among the anchors, then pairs of these, then robots with their neighbors.
+    First single robots with the anchors, then pairs of robots, then robots with their neighbors.
     """
     config = snapshot.config
     ends = {
@@ -146,7 +146,7 @@ def _among(ends: dict, robots: frozenset[str]) -> Suspects:
 
 
 def observations_of(snapshot: Snapshot) -> Observations:
-    """Return who can be wrong in a snapshot."""
+    """Return the observations, sensors and robots of a snapshot that can be wrong."""
     config = snapshot.config
     return line_up(snapshot.keys, snapshot.detections, config.sensors, config.anchors)
 
@@ -158,9 +158,9 @@ def explain_snapshot(
     refuted: Collection[Suspects] = (),
 ) -> Explanation:
     """
-    Return which observations of a snapshot contradict each other, and who explains it.
+    Explain why the observations of a snapshot contradict each other.
 
-    `refuted` are known to be no corrections.
+    `refuted` sets are known to be no corrections.
     """
     config = snapshot.config
     kinds = list(SuspectKind)
@@ -185,7 +185,7 @@ class Corrected(NamedTuple):
     answers: list[Answer]
 
     def without(self, wrong: Collection[Suspects]) -> Corrected:
-        """Return this without some of the corrections; the frames are of use without any, too."""
+        """Return a copy without wrong corrections; the frames stay even if none is left."""
         corrections = self.explanation.corrections
         rows = [row for row, dropped in enumerate(corrections) if dropped not in wrong]
         return Corrected(
@@ -199,11 +199,11 @@ def corrected(
     snapshot: Snapshot, constraints: Constraints, observed: Observations, cancel: Cancel | None
 ) -> Corrected:
     """
-    Return what to drop so that the rest agree, and what the rest say.
+    Return the corrections of a contradiction, with their answers.
 
-    The search for corrections does not look as hard as an answer does. Where the answer of one
-    shows that the rest do not agree, it was none, and larger ones may be. Where the answer does
-    not prove that the rest agree, larger ones count beside it.
+    The search for corrections uses less effort than an answer. If the answer of a correction shows
+    a contradiction, the correction is refuted and the search is repeated with larger ones. If the
+    answer does not prove that the rest agree, the correction is kept beside larger ones.
     """
     refuted: frozenset[Suspects] = frozenset()
     unsure: frozenset[Suspects] = frozenset()
@@ -216,7 +216,7 @@ def corrected(
         if not found.answers:
             return found
         answers = dict(zip(explanation.corrections, found.answers, strict=True))
-        # That nothing is wrong was refuted before, perhaps with more time than now.
+        # The empty correction was refuted before, perhaps with more time than now.
         wrong = {d for d, a in answers.items() if a.verdict is Verdict.INFEASIBLE or not d}
         smaller = {d for d in answers if len(d) < explanation.searched}
         doubtful = {d for d in smaller - wrong if not _is_proved(snapshot, answers[d])}
@@ -235,7 +235,7 @@ def _with_answers(
     explanation: Explanation,
     cancel: Cancel | None,
 ) -> Corrected:
-    """Return an explanation with the answers of its corrections, none where there is no frame."""
+    """Return an explanation with the answers of its corrections; no answers without a frame."""
     named = observed.covered_by(snapshot.config.outlier_unit)
     corrections = [
         observed.links_of(one for suspect in correction for one in named[suspect])
@@ -256,14 +256,14 @@ def _with_answers(
 
 
 def _is_proved(snapshot: Snapshot, found: Answer) -> bool:
-    """Return whether it is proved that some placement agrees, or where that is never proved."""
+    """Return whether some placement is proved to agree, or no proof is possible here."""
     if any(mount.bound_m == 0.0 for mount in snapshot.config.sensors.values()):
         return True
     return all(any(placement.proved for placement in part.placements) for part in found.parts)
 
 
 def suspects_of(observed: Observations, explanation: Explanation) -> tuple[Suspect, ...]:
-    """Return whom an explanation makes suspect, with one name for what is of one sensor."""
+    """Return the suspects of an explanation; observations of one sensor share its name."""
     found: Suspects = frozenset()
     if explanation.corrections:
         found = found.union(*map(observed.in_short, explanation.corrections))
@@ -275,13 +275,13 @@ def suspects_of(observed: Observations, explanation: Explanation) -> tuple[Suspe
 
 
 def links_of_conflicts(observed: Observations, explanation: Explanation) -> tuple[Conflict, ...]:
-    """Return the conflicts of an explanation as links, without those that need none."""
+    """Return the conflicts of an explanation as links, without the empty conflict."""
     links = (observed.links_of(conflict) for conflict in explanation.conflicts if conflict)
     return tuple(tuple(sorted(keys)) for keys in links)
 
 
 def not_searched(config: FleetConfig, explanation: Explanation) -> str:
-    """Return that limits ended the search before corrections of `max_outliers`, if they did."""
+    """Return a note if limits ended the search before corrections of size `max_outliers`."""
     if explanation.searched >= config.max_outliers:
         return ''
     return (
@@ -294,9 +294,9 @@ def reason_of(
     snapshot: Snapshot, observed: Observations, explanation: Explanation, frame: str
 ) -> str:
     """
-    Return why a contradiction leaves no placements.
+    Return the reason why a contradiction leaves no placements.
 
-    `frame` says why there is none for what is left without the corrections; empty if there is one.
+    `frame` says why no frame is left after the corrections; it is empty if there is one.
     """
     config, links = snapshot.config, {link.key: link for link in snapshot.links}
 
@@ -332,10 +332,10 @@ def suspects_in_window(
     snapshot: Snapshot, pose_sets: PoseSets, stopped: Callable[[], bool]
 ) -> tuple[Suspect, ...]:
     """
-    Return the observations that explain why pairs of bodies do not agree with themselves.
+    Return the observations that explain contradictions within pairs of bodies.
 
-    `pose_sets` are what the window leaves, outliers tolerated. Once `stopped` is true no other
-    pair is looked at.
+    `pose_sets` are the sets of the window with tolerated outliers. When `stopped` becomes true, no
+    other pair is examined.
     """
     if not snapshot.config.window_outliers:
         return ()
@@ -350,7 +350,7 @@ def suspects_in_window(
 
 
 def _suspects_among(config: FleetConfig, seen: Table) -> Iterator[Suspect]:
-    """Yield observations as suspects."""
+    """Yield the rows of a table as suspects."""
     measured = {
         LinkKind.BEARING: seen.errors_rad < NO_RAY_RAD,
         LinkKind.RANGE: (seen.lower_m > 0.0) | (seen.upper_m < math.inf),

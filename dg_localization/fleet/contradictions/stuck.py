@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Stuck sensors: readings or odometry that stay the same to the last bit although robots move.
+Stuck sensors: readings or odometry that stay equal to the last bit although robots move.
 
-Equal readings of robots that stand still prove nothing, since many sensors round theirs.
+Equal readings of robots at rest prove nothing, since many sensors round their readings.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from dg_localization.fleet.vocabulary import DistanceReading, LinkKey, LinkKind,
 
 LEAST_WAY_M = 0.5
 LEAST_TURN_RAD = 0.5
-"""A robot that has gone or turned so far since a reading would read another value."""
+"""After a motion or turn of this size a working sensor would read another value."""
 
 UNKNOWN_MOTION_FACTOR = 10
-"""With this multiple of the readings, nothing need be known of the motion."""
+"""With this multiple of the readings, no odometry is needed to call a sensor stuck."""
 
 SHOWN = 3
-"""Ranges in a row that show motion: one or two may be wrong."""
+"""Ranges in a row needed to show motion: one or two may be wrong."""
 
 UNKNOWN_MOTION = 'and no odometry says that the robots stand still'
 
@@ -36,7 +36,7 @@ Poses = Mapping[str, OdometrySample]
 
 
 class _Repetition(NamedTuple):
-    """Equal readings in a row: the value, its first stamp, and where the robots were then."""
+    """Equal readings in a row: the value, its first stamp, and the poses of the robots then."""
 
     value: tuple[float, ...]
     since_s: float
@@ -48,7 +48,7 @@ class _Repetition(NamedTuple):
 
 class StuckWatch:
     """
-    Watches for readings that repeat themselves.
+    Watches for repeated equal readings.
 
     Parameters
     ----------
@@ -63,14 +63,14 @@ class StuckWatch:
 
     def movable(self, key: LinkKey) -> tuple[str, ...]:
         """Return the robots at the ends of a link that can move."""
-        # Every reading asks for it.
+        # This is called for every reading.
         if key not in self._movable:
             robots = dict.fromkeys(self._config.robot_of(point) for point in key.ends)
             self._movable[key] = tuple(r for r in robots if self._config.speed_m_s(r) > 0.0)
         return self._movable[key]
 
     def add(self, key: LinkKey, value: tuple[float, ...], stamp_s: float, newest: Poses) -> None:
-        """Note a reading."""
+        """Record a reading."""
         before = self._repetitions.get(key)
         if before is not None and before.newest_s == stamp_s:
             return
@@ -81,7 +81,7 @@ class StuckWatch:
         motion = before.motion
         if motion in ('', UNKNOWN_MOTION):
             motion = self._motion(key, before.poses, newest)
-        # Odometry that came later, or started anew, counts from then on.
+        # A pose that came later, or after a restart of odometry, is the new reference.
         kept = {
             robot: pose
             for robot, pose in before.poses.items()
@@ -92,7 +92,7 @@ class StuckWatch:
         )
 
     def sentence(self, key: LinkKey) -> str:
-        """Return that the readings of a link are stuck, with value and time; empty if not."""
+        """Return a sentence that the readings of a link are stuck; empty if they are not."""
         least = self._config.stuck_readings
         found = self._repetitions.get(key)
         if found is None or not 0 < least <= found.times or not found.motion:
@@ -107,7 +107,7 @@ class StuckWatch:
         )
 
     def _motion(self, key: LinkKey, before: Poses, now: Poses) -> str:
-        """Return which robot has moved in the meantime; empty where none is known to have."""
+        """Return which robot has moved in the meantime; empty if none is known to have moved."""
         movable = self.movable(key)
         for robot in movable:
             known = robot in before and robot in now
@@ -125,12 +125,12 @@ class StuckWatch:
 
 
 def _is_same_frame(before: OdometrySample, now: OdometrySample) -> bool:
-    """Return whether odometry did not start anew between two readings."""
+    """Return whether odometry did not restart between two readings."""
     return (before.frame, before.restarted_s) == (now.frame, now.restarted_s)
 
 
 class _Still(NamedTuple):
-    """A range while no odometry of its ends changed: its first readings, and how many are off."""
+    """First ranges of a link while its odometry is unchanged, and how many later ones differ."""
 
     poses: Poses
     first: tuple[DistanceReading, ...]
@@ -141,8 +141,8 @@ class FrozenWatch:
     """
     Watches for odometry whose pose never changes while ranges show motion.
 
-    Ranges show it when `SHOWN` in a row, with newer odometry each time, agree with none of the
-    first ones, although all robots at the ends have odometry or are parked.
+    Ranges show motion if `SHOWN` in a row, each with newer odometry, agree with none of the first
+    ones, and all robots at both ends have odometry or are parked.
     """
 
     def __init__(self) -> None:
@@ -150,7 +150,7 @@ class FrozenWatch:
         self._frozen: dict[str, str] = {}
 
     def add(self, reading: DistanceReading, newest: Poses) -> None:
-        """Note a range; `newest` are the poses of the robots at its ends that can move."""
+        """Record a range; `newest` are the poses of the robots at its ends that can move."""
         before = self._still.get(reading.key)
         for robot, pose in newest.items():
             if before is None or not _is_same_pose(before.poses[robot], pose):
@@ -172,7 +172,7 @@ class FrozenWatch:
             )
 
     def sentence(self, robot: str) -> str:
-        """Return why the odometry of a robot seems to be frozen; empty if it does not."""
+        """Return a sentence that the odometry of a robot seems frozen; empty if it does not."""
         return self._frozen.get(robot, '')
 
 

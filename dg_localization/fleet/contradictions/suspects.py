@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Who can be wrong: an observation, a sensor, a robot; and who was among the suspects lately.
+Suspects: observations, sensors and robots that can be wrong, and a record of recent suspects.
 
-An observation of the moment is what one sensor says of one target, repeats included. The range and
-the ray of one detection are one observation: they are wrong together or not at all.
+An observation of the moment holds all readings of one target by one sensor, repeats included. The
+range and the ray of one detection are one observation: they are wrong together or not at all.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from dg_localization.fleet.vocabulary import LinkKey, LinkKind
 
 
 class SuspectKind(StrEnum):
-    """How much is suspected at once."""
+    """The unit that is suspected as a whole."""
 
     OBSERVATION = 'observation'
-    """What one sensor says of one target."""
+    """The readings of one target by one sensor."""
 
     SENSOR = 'sensor'
-    """All that one sensor says: a camera, a ranging, or a mounted sensor."""
+    """All readings of one sensor: a camera, a ranging device, or a mounted sensor."""
 
     ROBOT = 'robot'
-    """All that a robot measures and all that is measured of it, or of a landmark."""
+    """All readings by and of a robot, or of a landmark."""
 
 
 @dataclass(frozen=True, order=True)
@@ -41,13 +41,13 @@ class Suspect:
     ----------
     kind : SuspectKind
     name : str
-        Of the robot, or of the point that observes.
+        The name of the robot, or of the observing point.
     target : str
-        Of an observation.
+        The target of an observation.
     measures : tuple of LinkKind
         What an observation or a sensor measures.
     stamp_s : float
-        Of an observation in the window; zero for all of the moment.
+        The stamp of an observation in the window; zero for observations of the moment.
 
     """
 
@@ -59,7 +59,7 @@ class Suspect:
 
     @property
     def sensor(self) -> Suspect:
-        """The sensor that an observation is of."""
+        """The sensor that made an observation."""
         return Suspect(SuspectKind.SENSOR, self.name, measures=self.measures)
 
     def __str__(self) -> str:
@@ -91,9 +91,9 @@ class Observations:
     Parameters
     ----------
     links : mapping of Suspect to frozenset of LinkKey
-        By observation, the links that it consists of.
+        The links of each observation.
     sensors, robots : mapping of Suspect to frozenset of Suspect
-        By sensor and by robot, the observations that it is part of.
+        The observations of each sensor and of each robot.
     anchors : frozenset of str
         The names of robots that are anchors.
 
@@ -110,7 +110,7 @@ class Observations:
         return frozenset(self.links)
 
     def covered_by(self, kind: SuspectKind) -> Mapping[Suspect, Suspects]:
-        """Return the suspects of a kind, with the observations that each stands for."""
+        """Return the suspects of a kind, with the observations that each covers."""
         if kind is SuspectKind.OBSERVATION:
             return {observation: frozenset([observation]) for observation in self.links}
         return self.sensors if kind is SuspectKind.SENSOR else self.robots
@@ -121,9 +121,9 @@ class Observations:
 
     def offenders(self, suspects: Iterable[Suspect]) -> Suspects:
         """
-        Return sensors and anchors that observations accuse; others stand for themselves.
+        Return the sensors and anchors of suspected observations; keep other suspects unchanged.
 
-        Whether a sensor is wrong or the place of an anchor that it measures is not known.
+        It is unknown whether the sensor is wrong or the place of an anchor that it measures.
         """
         named = frozenset(suspects)
         whole = named - self.links.keys()
@@ -136,7 +136,7 @@ class Observations:
         return frozenset(one for one in self.robots if one.name in self.anchors)
 
     def in_short(self, observations: Suspects) -> Suspects:
-        """Return who is to blame where all of some observations are wrong: one name if it can."""
+        """Return the only sensor or robot that covers all observations, else the observations."""
         if len(observations) > 1:
             for named in (self.sensors, self.robots):
                 one = [suspect for suspect, covered in named.items() if observations <= covered]
@@ -152,10 +152,10 @@ def line_up(
     anchors: Collection[str] = (),
 ) -> Observations:
     """
-    Return who can be wrong of the ranges and bearings in use.
+    Return the observations, sensors and robots behind the ranges and bearings in use.
 
-    `detections` are observers and targets whose range and bearing come of one detection. All that
-    one of the `mounted` points measures is of one sensor.
+    `detections` are observers and targets whose range and bearing come from one detection. All
+    readings of a `mounted` point belong to one sensor.
     """
     links = _observations(keys, detections)
     kinds: dict[str, set[LinkKind]] = {}
@@ -194,23 +194,23 @@ def _observations(
 
 
 RECORD_S = 60.0
-"""Contradictions are counted for so long."""
+"""Contradictions are counted over this time."""
 
 
 @dataclass(frozen=True)
 class Offender:
     """
-    How often a sensor was among the suspects.
+    The count of contradictions in which a sensor was a suspect.
 
     Parameters
     ----------
     sensor : Suspect
     count : int
-        In how many contradictions it was a suspect.
+        Contradictions in which it was a suspect.
     contradictions : int
-        How many contradictions there were.
+        All contradictions.
     span_s : float
-        In this time.
+        The time over which they are counted.
 
     """
 
@@ -241,12 +241,12 @@ class Record:
         sensors: Sequence[Suspect],
         in_window: Sequence[Suspect] = (),
     ) -> None:
-        """Note whom an estimate made suspect, with observations of its window."""
+        """Record the suspects of an estimate, with suspected observations of its window."""
         if self._entries and stamp_s < self._entries[-1][0]:
-            # Time has jumped back: what was noted is of another time.
+            # Time has jumped back: the recorded stamps mean nothing any more.
             self._entries, self._noted = (), frozenset()
         fresh = frozenset(in_window) - self._noted
-        # They may be missing from an estimate in between that had no time to look for them.
+        # An estimate in between may miss them if it had no time to look for them.
         oldest_s = stamp_s - max(RECORD_S, memory_s)
         self._noted = frozenset(one for one in self._noted | fresh if one.stamp_s > oldest_s)
         suspected = frozenset(sensors) | {observation.sensor for observation in fresh}
@@ -256,7 +256,7 @@ class Record:
         )
 
     def offenders(self) -> tuple[Offender, ...]:
-        """Return who was among the suspects, those that were most often first."""
+        """Return the recorded suspects, most frequent first."""
         counts = Counter(sensor for _, sensors in self._entries for sensor in sensors)
         total = len(self._entries)
         order = sorted(counts, key=lambda sensor: (-counts[sensor], sensor))

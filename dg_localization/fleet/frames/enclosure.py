@@ -4,10 +4,10 @@
 """
 Enclosures: the coordinates in the fixed frame that the boxes of a hypothesis allow.
 
-Coordinates are first enclosed in the frame of some points of the fleet: a core of q points, of
-which the first is the origin, and an apex, whose last coordinate is not negative. Such a frame
-needs nothing but distances. What is known of the core moves them into the fixed frame. All bounds
-are rounded outward: the true placement cannot get lost.
+Coordinates are first enclosed in the frame of some points of the fleet: a core of q points, the
+first of them the origin, and an apex, whose last coordinate is not negative. Such a frame needs
+distances only. The pose of the core then moves them into the fixed frame. All bounds are rounded
+outward: the true placement cannot get lost.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ FloatArray = NDArray[np.float64]
 Core = tuple[int, ...]
 
 MAX_APEXES = 4
-"""How many apexes are tried for each core."""
+"""Most apexes tried for each core."""
 
 MAX_BOXES = 16
-"""Up to how many boxes of a hypothesis are enclosed one by one instead of by their hull."""
+"""Hypotheses with more boxes are enclosed by the hull of their boxes, not box by box."""
 
 SWEEPS = 20
 """Most passes of the contraction of coordinate boxes."""
@@ -54,7 +54,7 @@ class MirrorImage:
 
 
 Placed = tuple[MirrorImage | None, Interval]
-"""A mirror image, None where there is only one, and its coordinates, shape (n, q), in m."""
+"""A mirror image, None if there is only one, and its coordinates, shape (n, q), in m."""
 
 
 class Encloser:
@@ -70,7 +70,7 @@ class Encloser:
 
     @property
     def most_images(self) -> int:
-        """How many mirror images a hypothesis has at most."""
+        """The greatest number of mirror images of a hypothesis."""
         short = len(self._core) < self._solved.dimension
         return 1 if self._solved.chiralities or short or not self._rigid else 2
 
@@ -98,7 +98,7 @@ class Encloser:
             return found
         (_, first), (_, second) = found
         if self._solved.chiralities:
-            # Only one is true, but which one depends on where in the hypothesis the truth is.
+            # The true image depends on the position of the truth in the hypothesis.
             return [(None, first.hull(second))]
         equal = np.array_equal(first.lower, second.lower) and np.array_equal(
             first.upper, second.upper
@@ -109,8 +109,8 @@ class Encloser:
         """
         Return the mirror images that the known chiralities allow.
 
-        A single None stands for no choice: every point can turn into its mirror image or lies in
-        the hyperplane of the core.
+        A single None means that there is no choice: every point can flip to its mirror image or
+        lies in the hyperplane of the core.
         """
         core, known = self._core, {}
         if len(core) < self._solved.dimension:
@@ -127,7 +127,7 @@ class Encloser:
         return [MirrorImage(core, apex, sign) for sign in signs]
 
     def _contracted_by_angles(self, lower: FloatArray, upper: FloatArray) -> _Box | None:
-        """Return what the angles leave of a box of squared distances."""
+        """Return a box of squared distances contracted by the angles; None if it is empty."""
         lower, upper = np.array(lower), np.array(upper)
         corners = self._solved.angles.corners
         contract_by_angles(lower, upper, corners, self._cosines, ANGLE_SWEEPS)
@@ -186,7 +186,7 @@ class Encloser:
 
 
 class _Box:
-    """One box of squared distances; `locally` remembers coordinates for its mirror image."""
+    """One box of squared distances; `locally` caches coordinates for its mirror image."""
 
     def __init__(self, lower: FloatArray, upper: FloatArray, dimension: int) -> None:
         self.lower, self.upper = lower, upper
@@ -195,10 +195,10 @@ class _Box:
 
 def _rigid_with(core: Core, solved: Constraints) -> frozenset[int]:
     """
-    Return the points that have a chirality with a core: those that cannot turn against it.
+    Return the points that have a chirality with a core: they cannot rotate against it.
 
-    They are those of all pieces that reflections join to the piece of the core; none where the
-    core is not in one piece.
+    They are the points of all pieces that reflections join to the piece of the core. There are
+    none if the core is not in one piece.
     """
     measured = np.argwhere(np.triu(np.isfinite(solved.upper), 1))
     parts = pieces_of(len(solved.upper), measured, solved.dimension)
@@ -215,10 +215,9 @@ def _enclose_locally(
     lower: FloatArray, upper: FloatArray, frame: Sequence[int], dimension: int
 ) -> Interval | None:
     """
-    Return coordinates (n, q) in the frame of some points, or None when there is no placement.
+    Return coordinates (n, q) in the frame of some points, or None if there is no placement.
 
-    A frame of fewer than q + 1 points is padded with unmeasured points: they take the free places
-    in the frame and bound nothing.
+    A frame of fewer than q + 1 points is padded with unmeasured points, which bound nothing.
     """
     n_points, n_pads = len(lower), dimension + 1 - len(frame)
     padded_lower = np.zeros((n_points + n_pads, n_points + n_pads))
@@ -230,7 +229,7 @@ def _enclose_locally(
     enclosure = enclose_coordinates(padded_lower, padded_upper, (*frame, *pads))
     if enclosure is None:
         return None
-    # By definition of the frame, whether or not a pad hides it from the solver.
+    # These coordinates are zero by definition; padding may hide that from the solver.
     for place, point in enumerate(frame):
         enclosure[point, :, place:] = 0.0
     return Interval(enclosure[:n_points, 0], enclosure[:n_points, 1])
@@ -255,17 +254,17 @@ def _best_apexes(hypothesis: Hypothesis, core: Core, candidates: Sequence[int]) 
         corners = edges[[(*core[1:], apex) for apex in candidates]]
         volumes = np.abs(np.linalg.det(corners)).tolist()
         by_span = sorted(zip(candidates, volumes, strict=True), key=lambda pair: -pair[1])
-        # The placement tells which are likely far: the heights of these are bounded.
+        # Bound the heights of the candidates that are farthest in the placement.
         spans = dict(by_span[: 2 * MAX_APEXES])
     heights = {}
     for apex, span in spans.items():
-        # The height of the apex depends on nothing else.
+        # The height of the apex depends on these points only.
         frame = (*core, apex)
         among = np.ix_(frame, frame)
         lower, upper = hypothesis.lower[among], hypothesis.upper[among]
         local = _enclose_locally(lower, upper, range(len(frame)), len(core))
         if local is not None:
-            # Certainly far ones first; those that may lie in the hyperplane by the placement.
+            # Rank by the proved height, and by the placement where that is zero.
             heights[apex] = (local.lower[-1, -1], span)
     ranked = sorted(heights, key=lambda apex: heights[apex], reverse=True)
     return ranked[:MAX_APEXES] or list(candidates[:1])

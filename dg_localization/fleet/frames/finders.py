@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The best points of placements: by all readings of the moment, and by what is remembered."""
+"""The best points of placements, by the readings of the moment and of the window."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def finder_of(
     plan: FramePlan,
     dropped: frozenset[LinkKey] = frozenset(),
 ) -> BestPointFinder:
-    """Return what finds the best points of placements of a plan; `solved` are of its points."""
+    """Return the finder of best points for the placements of a plan with points `solved`."""
     rows = solved.rows
     sensors = [
         Sensor(rows[point], rows[snapshot.config.robot_of(point)], arm_m)
@@ -61,12 +61,12 @@ def fit_with_past(
     placement: Placement,
 ) -> Placement:
     """
-    Return a placement in the plane with the best point by what is remembered as well.
+    Return a placement in the plane with the best point by readings of the moment and the window.
 
-    What a robot measured before counts where its rotation is known: it is fitted to rays, or its
-    heading is known otherwise, by its sensors or by the window. `constraints` are those of all
-    points of the fleet, `alone` the plans with one hypothesis. The placement stays as it is where
-    nothing is remembered that a fit could use, and robots are measured now.
+    Past readings of a robot count if its rotation is known: fitted to rays, or by its sensors or
+    the window. `constraints` are the constraints of all points of the fleet, `alone` the plans
+    with one hypothesis. The placement is unchanged if the window holds nothing that a fit could
+    use and robots are measured now.
     """
     if snapshot.config.dimension != 2 or placement.dropped:
         return placement
@@ -114,7 +114,7 @@ def fit_with_past(
 
 
 def _in_the_middle(placement: Placement) -> Placement:
-    """Return a placement in the middle of its pose sets: no other pose in these is likelier."""
+    """Return a placement in the middle of its pose sets: no pose in them is likelier."""
     low_m, high_m = placement.enclosure_m[:, 0], placement.enclosure_m[:, 1]
     known = np.isfinite(low_m) & np.isfinite(high_m)
     positions_m = placement.positions_m.copy()
@@ -123,7 +123,7 @@ def _in_the_middle(placement: Placement) -> Placement:
 
 
 def _sentence(solved: Constraints, misfit: Misfit) -> str:
-    """Return what does not fit, and by how much."""
+    """Return a sentence that names a misfit and its size."""
     robot, other = solved.points[misfit.robot], solved.points[misfit.other]
     what = {
         RANGE: f'ranges {robot} - {other}',
@@ -135,7 +135,7 @@ def _sentence(solved: Constraints, misfit: Misfit) -> str:
 
 
 def _places_of_all(snapshot: Snapshot, placement: Placement) -> tuple[FloatArray, FloatArray]:
-    """Return places (n, 2) and enclosures (n, 2, 2) of all points, sensors with their robots."""
+    """Return positions (n, 2) and enclosures (n, 2, 2) of all points; sensors as their robots."""
     config = snapshot.config
     places_m = [*placement.positions_m, *placement.landmarks_m]
     boxes_m = [*placement.enclosure_m, *placement.landmark_enclosure_m]
@@ -160,7 +160,7 @@ def _within(bounds_m2: tuple[FloatArray, FloatArray], positions_m: FloatArray) -
 def _squared_bounds(
     problem: Problem, points: Sequence[int], placement: Placement
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the bounds of a problem, those between robots as narrow as in a placement."""
+    """Return the bounds of a problem, with those between robots narrowed to a placement."""
     lower_m2, upper_m2 = problem.lower.copy(), problem.upper.copy()
     rows = [row for row, point in enumerate(points) if point < len(placement.lower_m)]
     here, there = np.ix_(rows, rows), np.ix_(*[[points[row] for row in rows]] * 2)
@@ -176,12 +176,12 @@ def _terms_of(
     plan: FramePlan,
     dropped: frozenset[LinkKey],
 ) -> Iterator[Term]:
-    """Yield a term for each reading of a snapshot that counts, between the points of `solved`."""
+    """Yield a term for each reading of a snapshot between the points of `solved`."""
     rows = solved.rows
     config, arms_m = snapshot.config, snapshot.mounts.arms_m
 
     def end(point: str) -> tuple[int, ArrayLike]:
-        """Return the body of a point, and where on the body it is."""
+        """Return the body of a point, and its lever arm on the body."""
         return rows[config.robot_of(point)], arms_m.get(point, AT_ORIGIN)
 
     for reading in snapshot.distances:
@@ -196,7 +196,7 @@ def _terms_of(
     for observer, rays in solved.rays.items():
         for ray in rays:
             (row, arm_m), (target, target_arm_m) = end(observer), end(ray.key.target)
-            # Who may look anywhere has seen nothing.
+            # A ray with an error of a half turn or more measures nothing.
             if row != target and ray.half_width_rad < math.pi:
                 direction = _turned_back(ray.direction, ray.expected_error_rad)
                 yield Term(RAY, row, target, direction, ray.half_width_rad, arm_m, target_arm_m)
@@ -209,7 +209,7 @@ def _terms_of(
 
 
 def _turned_back(direction: FloatArray, error_rad: float) -> FloatArray:
-    """Return a direction without an error about the vertical axis."""
+    """Return a direction with an error about the vertical axis removed."""
     c, s = math.cos(error_rad), math.sin(error_rad)
     x, y, z = direction
     return np.array([c * x + s * y, c * y - s * x, z])

@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Headings: how a robot is turned, from its rays and the enclosures of their targets.
+Headings: the orientation of a robot from its rays and the enclosures of their targets.
 
-Each ray bounds the rotation of the body: by its own error, and by what the enclosures of both ends
-leave open of the direction between them.
+Each ray bounds the rotation of the body, by its own error and by the range of directions that the
+enclosures of both ends allow.
 
-Of a robot with sensors in the plane, the set of poses under which every distance and every ray
-holds bounds the heading, and narrows the enclosure: that of one sensor does not know where the
-others are.
+For a robot with sensors in the plane, the set of poses that agree with every distance and every
+ray bounds the heading. It also narrows the enclosure, which treats each sensor as a separate
+point.
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ FloatArray = NDArray[np.float64]
 
 
 class NoHeadingError(ValueError):
-    """The rays of a robot contradict each other, wherever in their enclosures the targets are."""
+    """The rays of a robot contradict each other for all positions of targets in the enclosures."""
 
 
 @dataclass(frozen=True)
 class Heading:
     """
-    How a robot is turned in the fixed frame.
+    The orientation of a robot in the fixed frame.
 
     Parameters
     ----------
@@ -72,15 +72,14 @@ NO_TURN = Heading(np.array([0.0, 0.0, 0.0, 1.0]), 0.0)
 @dataclass(frozen=True)
 class _Sights:
     """
-    The rays of a robot with the directions that their targets have.
+    The rays of a robot and the directions of their targets.
 
     Parameters
     ----------
     rays : numpy.ndarray, shape (m, q)
         Unit vectors in the body frame.
     directions, placed : numpy.ndarray, shape (m, q)
-        Unit vectors in the fixed frame: to the middle of what the enclosures leave open, and in
-        the placement.
+        Unit vectors in the fixed frame: to the middle of the enclosures, and in the placement.
     half_widths_rad : numpy.ndarray, shape (m,)
         Errors of ray and direction together, the smallest first.
 
@@ -98,7 +97,7 @@ def estimate_heading(
     positions: FloatArray,
     enclosure: Interval,
 ) -> Heading | None:
-    """Return how a robot is turned."""
+    """Return the heading of a robot by its rays; None if they do not bound it."""
     if not rays:
         return None
     sights = _sights(rows, rays, positions, enclosure)
@@ -114,7 +113,7 @@ def heading_within(
     """
     Return the narrower of a heading and an arc, as near to the best fit as the arc allows.
 
-    The arc goes counterclockwise from the first to the second.
+    The arc goes counterclockwise from its first angle to its second.
     """
     within = heading_in_arc(arc_rad, math.atan2(rotation[1, 0], rotation[0, 0]))
     half_arc_rad = 0.5 * (arc_rad[1] - arc_rad[0])
@@ -123,7 +122,7 @@ def heading_within(
 
 
 def heading_in_arc(arc_rad: Sequence[float], fitted_rad: float | None = None) -> Heading:
-    """Return the heading in an arc that is nearest to one, or its middle."""
+    """Return the heading of an arc nearest to a fitted one, or in the middle without one."""
     middle_rad = 0.5 * (arc_rad[0] + arc_rad[1])
     half_rad = angle_up(max(arc_rad[1] - middle_rad, middle_rad - arc_rad[0]))
     nearest_rad = middle_rad if fitted_rad is None else fitted_rad
@@ -137,7 +136,7 @@ def _sights(
     positions: FloatArray,
     enclosure: Interval,
 ) -> _Sights:
-    """Return the rays whose targets lie within less than a right angle of some direction."""
+    """Return the rays whose targets lie in a cone of less than a right angle half width."""
     dimension = positions.shape[1]
     observers = [rows[ray.key.observer] for ray in rays]
     targets = [rows[ray.key.target] for ray in rays]
@@ -161,7 +160,7 @@ def _sights(
 
 
 def _check_angles(sights: _Sights) -> None:
-    """Raise `NoHeadingError` when two targets are seen under an angle they cannot have."""
+    """Raise `NoHeadingError` if the angle between two rays contradicts their targets."""
     seen = angles_rad(sights.rays[:, None], sights.rays[None])
     real = angles_rad(sights.directions[:, None], sights.directions[None])
     widths = sights.half_widths_rad[:, None] + sights.half_widths_rad[None]
@@ -187,7 +186,7 @@ def _planar_heading(sights: _Sights) -> Heading | None:
 
 
 def _yaws(directions: FloatArray, rays: FloatArray) -> FloatArray:
-    """Return the headings under which targets in those directions are seen along those rays."""
+    """Return the headings that turn rays to directions."""
     return np.asarray(
         np.arctan2(directions[:, 1], directions[:, 0]) - np.arctan2(rays[:, 1], rays[:, 0])
     )
@@ -195,7 +194,7 @@ def _yaws(directions: FloatArray, rays: FloatArray) -> FloatArray:
 
 def _spatial_heading(sights: _Sights) -> Heading | None:
     """
-    Return the rotation that fits the placement best, and how wrong it may be.
+    Return the rotation that fits the placement best, with a bound of its error.
 
     The true rotation differs from it by a rotation by psi, which moves each ray by at most eta.
     It moves a unit vector at the angle gamma from its axis by sin(half) = sin(psi/2) sin(gamma).
@@ -220,7 +219,7 @@ def _spatial_heading(sights: _Sights) -> Heading | None:
 
 
 class BodyPoses:
-    """The sets of poses of the robots with sensors, but for those whose body frame is held."""
+    """The pose sets of robots with sensors, without those that hold the fixed frame."""
 
     def __init__(self, snapshot: Snapshot, solved: Constraints, held: Collection[int]) -> None:
         self._config, self._solved = snapshot.config, solved
@@ -239,10 +238,10 @@ class BodyPoses:
         self, hypothesis: Hypothesis, enclosure: Interval
     ) -> tuple[Interval, Mapping[int, tuple[float, float]]] | None:
         """
-        Return what the poses leave of an enclosure (n, q), and the headings by row of the robot.
+        Return an enclosure (n, q) narrowed by the poses, and the headings by row of the robot.
 
-        A heading is an arc in rad, counterclockwise from the first to the second. None when some
-        robot has no pose, so that the hypothesis holds no placement.
+        A heading is an arc in rad, counterclockwise from the first angle to the second. Return
+        None if some robot has no pose, so that the hypothesis holds no placement.
         """
         low_m, high_m = np.array(enclosure.lower), np.array(enclosure.upper)
         headings = {}
@@ -263,7 +262,7 @@ class BodyPoses:
     def _cover(
         self, members: tuple[str, ...], hypothesis: Hypothesis, enclosure: Interval
     ) -> Cover | None:
-        """Return all poses of a robot that agree; None where nothing is known, or no more time."""
+        """Return all poses of a robot that agree; None without readings or after many calls."""
         rows = self._solved.rows
         bounded = np.isfinite(enclosure.lower).all(axis=1) & np.isfinite(enclosure.upper).all(1)
         others = {*np.flatnonzero(bounded).tolist()} - {rows[member] for member in members}

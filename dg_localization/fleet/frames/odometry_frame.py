@@ -2,15 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The odometry frame of a robot: its pose there, placements turned into it, and when they are.
+The odometry frame of a robot: its pose there, placements in it, and rules for its use.
 
-By definition the newest odometry states the true pose of the body in this frame. What the robot
-can have moved and turned since then widens the answer.
+By definition the newest odometry states the true pose of the body in this frame. The motion that
+is possible since then widens the answer.
 
-A frame that came and went with every estimate would be of no use. So an odometry frame is taken up
-when the heading of the robot is known well. A frame is left when what it needs, which is odometry
-and a heading, or bearings for a body frame, has been missing for `HOLD_S`. Until then answers go
-on in it: what is not known widens their bounds, and points are turned as they lay before.
+A frame that changed with every estimate would be of no use. So an odometry frame is taken up when
+the heading of the robot is known well. A frame is left when its inputs (odometry and a heading,
+or bearings for a body frame) have been missing for `HOLD_S`. Until then answers stay in it:
+unknown turns widen their bounds, and points are rotated to fit their earlier positions.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from dg_localization.interval.environment import default_environment
 FloatArray = NDArray[np.float64]
 
 MOST_TILT_RAD = 0.2
-"""An odometry frame that is tilted more than this is not that of a robot in the plane."""
+"""An odometry frame with more tilt is not the frame of a robot in the plane."""
 
 
 TAKEN_UP_RAD = math.pi / 8.0
@@ -47,8 +47,8 @@ LEFT_RAD = math.pi / 4.0
 missing."""
 
 HOLD_S = 2.0
-"""How long a frame is kept without what it needs, and how long an odometry frame has to be good,
-once one was left, before one is taken up again."""
+"""Time for which a frame is kept without its inputs, and for which an odometry frame must be good
+before it is taken up after one was left."""
 
 _RANKS = {FrameKind.ROBOTS: 0, FrameKind.HEADING: 1, FrameKind.ODOMETRY: 2}
 
@@ -65,7 +65,7 @@ class BodyPose:
     rotation : numpy.ndarray, shape (3, 3)
         From body to odometry frame; in the plane about the vertical axis alone.
     error_m, error_rad : float
-        Greatest errors of the two.
+        Bounds of the errors of position and rotation.
 
     """
 
@@ -88,9 +88,9 @@ class FrameTurn:
     half_width_rad : float
         Greatest angle to the true rotation.
     best_rotation : numpy.ndarray, shape (3, 3)
-        By the heading of the best point; within the bounds.
+        The rotation by the heading of the best point; within the bounds.
     best_deviation_rad : float
-        Standard deviation of the best rotation; the half width where no heading was fitted.
+        Standard deviation of the best rotation; the half width if no heading was fitted.
 
     """
 
@@ -128,7 +128,7 @@ def body_pose(snapshot: Snapshot, robot: str, more_s: float = 0.0) -> BodyPose |
 
 
 def frame_turn(placement: Placement, row: int, pose: BodyPose) -> FrameTurn | None:
-    """Return how the frame of a placement is turned to the odometry frame of a robot."""
+    """Return the rotation from the frame of a placement to the odometry frame of a robot."""
     if not placement.heading_known[row]:
         return None
     own = rotation_of_quaternion(placement.orientations_xyzw[row])
@@ -163,7 +163,7 @@ def in_odometry_frame(
     fitted_yaws_rad = placement.fitted_yaws_rad
     if fitted_yaws_rad is not None:
         fitted_yaws_rad = fitted_yaws_rad + math.atan2(best_axes[1, 0], best_axes[0, 0])
-        # The frame fixes how the robot is turned: as the odometry itself states.
+        # The frame fixes the heading of the robot: odometry states it.
         fitted_yaws_rad[row] = np.nan
     positions_m = placement.positions_m @ best_axes.T + pose.position_m
     landmarks_m = placement.landmarks_m @ best_axes.T + pose.position_m
@@ -182,7 +182,7 @@ def in_odometry_frame(
 
 
 def _fitted_deviation_rad(placement: Placement, row: int) -> float | None:
-    """Return the standard deviation of a heading, its bound at most; None if it was not fitted."""
+    """Return the standard deviation of a heading, at most its bound; None if it was not fitted."""
     yaws_rad, covariances = placement.fitted_yaws_rad, placement.covariances
     if yaws_rad is None or covariances is None:
         return None
@@ -193,7 +193,7 @@ def _fitted_deviation_rad(placement: Placement, row: int) -> float | None:
 
 
 def _moved(boxes_m: FloatArray, pose: BodyPose, turn: FrameTurn) -> FloatArray:
-    """Return boxes, shape (n, 2, q), in the odometry frame; infinite where a side is."""
+    """Return boxes, shape (n, 2, q), in the odometry frame; unbounded if any side is."""
     if len(boxes_m) == 0:
         return boxes_m
     bounded = np.asarray(np.isfinite(boxes_m).all(axis=(1, 2)))
@@ -220,8 +220,8 @@ def _moved_covariances(
     """
     Return covariances in the odometry frame, shape (n, 6, 6).
 
-    Least squares knows nothing of the newest odometry: bounds take the place of its deviations. An
-    error of the rotation moves what is far from the robot across the line to it.
+    Least squares does not model the newest odometry, so its bounds count as deviations. An error
+    of the rotation moves distant points at right angles to the line from the robot.
     """
     if placement.covariances is None:
         return None
@@ -234,7 +234,7 @@ def _moved_covariances(
     for axis in np.eye(3)[2:] if q == 2 else np.eye(3):
         swing = np.concatenate([np.cross(axis, arms_m), np.tile(axis, (len(found), 1))], axis=1)
         found += turn.best_deviation_rad**2 * swing[:, :, None] * swing[:, None, :]
-    # The odometry itself states how the robot is turned.
+    # The odometry states the orientation of the robot.
     found[row] = 0.0
     turns = slice(5, 6) if q == 2 else slice(3, 6)
     found[row, turns, turns] = pose.error_rad**2 * np.eye(len(found[row, turns]))
@@ -244,7 +244,7 @@ def _moved_covariances(
 
 
 class StandingFrame:
-    """Turns estimates into the odometry frame of the reference robot while that is known."""
+    """Transforms estimates to the odometry frame of the reference robot while that is known."""
 
     def __init__(self) -> None:
         self._in_use: FixedFrame | None = None
@@ -252,13 +252,13 @@ class StandingFrame:
         self._candidate: FixedFrame | None = None
         self._candidate_since_s = 0.0
         self._wait_s = 0.0
-        # Where the robots were in the frame, by the number of the hypothesis.
+        # Positions of the robots in the frame, by the number of the hypothesis.
         self._before: dict[int, NDArray[np.float64]] = {}
         self._before_s = 0.0
 
     @default_environment()
     def turn(self, snapshot: Snapshot, estimate: Estimate) -> Estimate:
-        """Return an estimate in the frame that it goes on in; groups keep frames of their own."""
+        """Return an estimate in the frame in use; groups keep their own frames."""
         frame, now_s = estimate.frame, snapshot.stamp_s
         if frame is None or not estimate.placements or frame.kind not in _RANKS:
             return estimate
@@ -282,12 +282,12 @@ class StandingFrame:
         return self._used(now_s, estimate)
 
     def _used(self, now_s: float, estimate: Estimate) -> Estimate:
-        """Return an estimate that has what its frame needs."""
+        """Return an estimate whose frame has its inputs, and record its time."""
         self._in_use, self._met_s = estimate.frame, now_s
         return self._noted(now_s, estimate)
 
     def _noted(self, now_s: float, estimate: Estimate) -> Estimate:
-        """Return an estimate, and keep where its robots are."""
+        """Return an estimate, and record the positions of its robots."""
         self._before = {one.number: one.positions_m for one in estimate.placements}
         self._before_s = now_s
         return estimate
@@ -295,7 +295,7 @@ class StandingFrame:
     def _turned(
         self, snapshot: Snapshot, estimate: Estimate, frame: FixedFrame
     ) -> Estimate | None:
-        """Return an estimate in the odometry frame; None where that is not known well enough."""
+        """Return an estimate in the odometry frame; None if it is not known well enough."""
         pose = body_pose(snapshot, frame.points[0])
         if pose is None:
             return None
@@ -310,7 +310,7 @@ class StandingFrame:
         return replace(estimate, placements=tuple(placements), frame=pose.frame)
 
     def _held(self, snapshot: Snapshot, estimate: Estimate, frame: FixedFrame) -> Estimate | None:
-        """Return an estimate in a frame that lacks something; None once it has to be left."""
+        """Return an estimate in a frame with missing inputs; None if the frame must be left."""
         origin, missing_s = frame.points[0], snapshot.stamp_s - self._met_s
         if estimate.frame is None or estimate.frame.points[0] != origin:
             return None
@@ -340,7 +340,7 @@ class StandingFrame:
     def _turn_as_before(
         self, snapshot: Snapshot, placement: Placement, row: int, frame: FixedFrame
     ) -> FrameTurn:
-        """Return the turn that lays robots nearest to where they were; it bounds nothing."""
+        """Return the rotation that moves robots nearest to their earlier positions, unbounded."""
         rotation, q = np.eye(3), snapshot.config.dimension
         before = self._before.get(placement.number, next(iter(self._before.values()), None))
         if before is not None:

@@ -4,9 +4,9 @@
 """
 From the hypotheses of the solver to placements of the fleet in the fixed frame.
 
-The solver bounds distances. The steps from there: choose a mirror image, enclose the coordinates
-in a frame of the fleet's own points and register that with the fixed frame, estimate the headings,
-assemble the rows.
+The solver bounds distances. The next steps are: choose a mirror image, enclose the coordinates in
+a frame of the fleet's own points, register that frame with the fixed frame, estimate the headings
+and assemble the rows.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Placer:
     """
     Turns the hypotheses of one problem into placements in the fixed frame.
 
-    `constraints` are those of all points of the fleet, without the `dropped` links.
+    `constraints` are the constraints of all points of the fleet without the `dropped` links.
     """
 
     def __init__(
@@ -81,27 +81,27 @@ class Placer:
 
     @property
     def points(self) -> tuple[int, ...]:
-        """What the problem is of: the connected points without idle anchors."""
+        """The points of the problem: the connected points without idle anchors."""
         return self._plan.points
 
     @cached_property
     def problem(self) -> Problem:
-        """What the solver is asked, of `points`."""
+        """The problem of `points` for the solver."""
         return self._solved.problem()
 
     @property
     def most_images(self) -> int:
-        """How many placements a hypothesis stands for at most."""
+        """The greatest number of placements of one hypothesis."""
         return self._encloser.most_images
 
     def placements(
         self, hypothesis: Hypothesis, *, alone: bool, apart: bool = True
     ) -> list[Placement]:
         """
-        Return the placements a hypothesis stands for: one, or two that mirror each other.
+        Return the placements of a hypothesis: one, or two that mirror each other.
 
-        There are none when the rays rule out every heading of some robot. `alone` says that there
-        is no other hypothesis, `apart` that parts which do not touch are placements of their own.
+        There are none if the rays rule out every heading of some robot. `alone` says that there is
+        no other hypothesis, `apart` that parts which do not touch become separate placements.
         """
         placements: list[Placement] = []
         images = self._encloser.enclose(hypothesis)
@@ -148,7 +148,7 @@ class Placer:
         return np.clip(moved, enclosure.lower, enclosure.upper)
 
     def _is_flexible(self, hypothesis: Hypothesis) -> bool:
-        """Return whether points may move whose bounds the solver takes for measured."""
+        """Return whether points may move although the solver takes their bounds for measured."""
         if self._solved.all_measured:
             return False
         robots = [self._config.robot_of(point) for point in self._solved.points]
@@ -156,13 +156,13 @@ class Placer:
 
     @cached_property
     def _best_points(self) -> BestPointFinder:
-        """What finds the best points, by all readings; a contradiction does not need it."""
+        """The finder of best points, by all readings; made on first use."""
         return finder_of(self._snapshot, self._solved, self._plan, self._dropped)
 
     def _headings(
         self, best: BestPoint, enclosure: Interval, arcs_rad: Mapping[int, tuple[float, float]]
     ) -> dict[int, Heading]:
-        """Return the headings that are known, by index into the points of the fleet."""
+        """Return the known headings by index into the points of the fleet."""
         rows = self._solved.rows
         rays_of: dict[str, list[RayReading]] = {}
         for observer, rays in self._solved.rays.items():
@@ -186,9 +186,9 @@ class Placer:
         headings: Mapping[int, Heading],
         distances_m: Interval,
     ) -> Placement:
-        """Return a placement of the whole fleet, unknown where the points are not in the plan."""
+        """Return a placement of the whole fleet; points outside the plan are unknown."""
         n_points, n_robots = len(self._config.points), len(self._config.robots)
-        # The rows after those are sensors.
+        # The rows after the landmarks are sensors.
         landmarks = slice(n_robots, n_robots + len(self._config.landmarks))
         points = list(self.points)
         positions = spread_out(n_points, points, best.positions_m)
@@ -234,11 +234,11 @@ def _without_idle(
     known: Constraints, plan: FramePlan, n_robots: int, anchors: AnchorGeometry
 ) -> tuple[FramePlan, tuple[Chirality, ...]]:
     """
-    Return a plan of the points that are no idle anchors, and the chirality of its anchors.
+    Return a plan without idle anchors, and the chiralities of its anchors.
 
-    Nothing ties an idle anchor to any point but other anchors, and the solver takes longer with
-    every point. Where the others do not fix the frame, the anchors that span most are added. An
-    anchor among the robots is never idle.
+    An idle anchor is tied to other anchors only; each point costs solver time. If the remaining
+    anchors do not fix the frame, the anchors that span most are added. Anchors that are robots
+    are never idle.
     """
     landmarks = {p for p in plan.points if p >= n_robots and p in anchors.boxes}
     others = [point for point in plan.points if point not in landmarks]
@@ -249,7 +249,7 @@ def _without_idle(
     }
     geometry = anchors.among(busy)
     if not geometry.chiralities:
-        # The idle ones may tell the others from their mirror image.
+        # Idle anchors may tell the other anchors from their mirror image.
         geometry = anchors
         busy |= anchors.spanning
     points = tuple(point for point in plan.points if point in busy)

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The fixed frame: what defines its axes, and which points have coordinates in it."""
+"""The fixed frame: the choice of its axes and of the points with coordinates in it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from dg_localization.interval.arrays import Interval
 @dataclass(frozen=True)
 class FramePlan:
     """
-    How the points that are connected to the fixed frame get their coordinates.
+    The points connected to the fixed frame, and the cores that give them coordinates.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ class FramePlan:
     points : tuple of int
         The connected points, ascending.
     cores : tuple of tuple of int
-        Choices of q of them whose place in the fixed frame is known, best first.
+        Choices of q points with a known place in the fixed frame, best first.
 
     """
 
@@ -40,13 +40,13 @@ class FramePlan:
 
     @property
     def held(self) -> tuple[int, ...]:
-        """The rows of the robots that do not turn: that whose body frame the fixed frame is."""
+        """The row of the robot whose body frame is the fixed frame, if there is one."""
         if self.frame.kind is not FrameKind.HEADING:
             return ()
         return (self.points.index(self.cores[0][0]),)
 
     def by_row(self, boxes: Mapping[int, Interval]) -> dict[int, Interval]:
-        """Return boxes of points by their rows; those of other points are left out."""
+        """Return the boxes of the points of the plan by row."""
         row_of = {point: row for row, point in enumerate(self.points)}
         return {row_of[point]: box for point, box in boxes.items() if point in row_of}
 
@@ -59,12 +59,12 @@ class Plans:
     Parameters
     ----------
     main : FramePlan or None
-        That of the points that the fixed frame is tied to; None when nothing fixes it.
+        The plan of the points that fix the frame; None if nothing fixes it.
     reason : str
         A sentence that says why there is no main plan, or that another robot than the reference
         robot has the origin; empty otherwise.
     others : tuple of FramePlan
-        One for each group of robots that are connected to each other and not to the fixed frame.
+        One plan for each group of robots that is not connected to the fixed frame.
 
     """
 
@@ -81,7 +81,7 @@ class Plans:
 def plan_frames(
     snapshot: Snapshot, constraints: Constraints, alternatives: Sequence[Constraints]
 ) -> list[Plans]:
-    """Choose one fixed frame for all alternatives, and frames for what is not connected to it."""
+    """Choose one fixed frame for all alternatives, and frames for groups not connected to it."""
     reason = ''
     if snapshot.anchors.cores:
         plans = _plans_from_anchors(snapshot, alternatives)
@@ -100,7 +100,7 @@ def plan_frames(
 def _plans_of_others(
     config: FleetConfig, constraints: Constraints, main: FramePlan | None
 ) -> tuple[FramePlan, ...]:
-    """Return a plan for each group of at least two points with a robot that is not in another."""
+    """Return a plan for each further group of at least two points that has a robot."""
     visited = set(() if main is None else main.points)
     plans = []
     for robot in range(len(config.robots)):
@@ -115,7 +115,7 @@ def _plans_of_others(
 def _plans_from_anchors(
     snapshot: Snapshot, alternatives: Sequence[Constraints]
 ) -> list[FramePlan]:
-    """Return plans in the coordinates of the anchors; none when no robot is connected to them."""
+    """Return plans in the coordinates of the anchors; empty if no robot is connected to them."""
     config, anchors = snapshot.config, snapshot.anchors
     frame = FixedFrame(FrameKind.ANCHORS, tuple(config.anchors))
     origin = anchors.cores[0][0]
@@ -152,7 +152,7 @@ def _plans_from_reference(
 
 
 def _joins_others(config: FleetConfig, component: tuple[int, ...]) -> bool:
-    """Return whether a component has more than one robot with its sensors."""
+    """Return whether a component holds more than one robot and its sensors."""
     return len({config.robot_of(config.points[point]) for point in component}) > 1
 
 
@@ -210,11 +210,11 @@ def _robot_core(
     components: Sequence[tuple[int, ...]],
 ) -> tuple[int, ...]:
     """
-    Return the reference robot and the next ones that every alternative connects to it.
+    Return the reference robot and the next robots that every alternative connects to it.
 
-    A robot that may be in the same place as the reference robot gives no direction: such robots
-    are chosen only when there are no others. What is left out to resolve a contradiction does not
-    count here: the frame should not turn because of it.
+    A robot that may be at the place of the reference robot gives no direction: such robots are
+    chosen only if there are no others. This is decided with all links, including those that an
+    alternative drops, so that the frame does not turn with them.
     """
     n_robots, n_points = len(config.robots), len(config.robots) + len(config.landmarks)
     in_order = [*range(origin + 1, n_robots), *range(origin), *range(n_robots, n_points)]

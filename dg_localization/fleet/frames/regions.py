@@ -5,8 +5,8 @@
 Regions: the parts of an enclosure that do not touch each other.
 
 Distances to anchors that are nearly in line hold on either side of the line. The hypothesis of the
-solver, which bounds distances, is connected; the coordinates are not. Each part is covered by
-boxes that contraction leaves (set inversion), so nothing is lost between them.
+solver, which bounds distances, is connected; the coordinates are not. Set inversion covers each
+part by contracted boxes, so no placement is lost.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from dg_localization.solver.contract.coordinates import contract_coordinate_boxe
 FloatArray = NDArray[np.float64]
 
 MOST_CELLS = 16
-"""How many boxes one point is covered by at most, and how many other points are asked whether they
-tell all its places apart. With 128, five robots among 15 landmarks take twice as long; the tests
-of anchors in line and of ceilings hold with either."""
+"""Most boxes that cover one point, and most other points whose distances are checked to fix it.
+With 128, five robots among 15 landmarks take twice as long; the tests of anchors in line and of
+ceilings hold with either."""
 
 
 def regions_of(
     enclosure: Interval, lower: FloatArray, upper: FloatArray, rows: Sequence[int], most: int
 ) -> list[Interval]:
     """
-    Return up to about `most` parts of an enclosure that together hold all placements.
+    Return about `most` parts of an enclosure at most, which together hold all placements.
 
-    `rows` are the points that may be in several parts; `lower` and `upper` bound the squared
+    `rows` are the points that may lie in several parts; `lower` and `upper` bound the squared
     distances in m^2.
     """
     regions = [enclosure]
@@ -55,7 +55,7 @@ def regions_of(
 def _parts_of_point(
     region: Interval, lower: FloatArray, upper: FloatArray, row: int
 ) -> list[Interval]:
-    """Return the parts of a region where one point is in another place."""
+    """Return the parts of a region that differ in the place of one point."""
     others = np.flatnonzero(np.isfinite(upper[row]) & (np.arange(len(upper)) != row))
     bounded = np.isfinite(region.lower).all(axis=1) & np.isfinite(region.upper).all(axis=1)
     if not bounded[row] or _is_in_general_position(region, row, others[bounded[others]]):
@@ -74,7 +74,7 @@ def _parts_of_point(
 
 
 def _is_in_general_position(region: Interval, row: int, others: NDArray[np.intp]) -> bool:
-    """Return whether distances to q of the others tell all places of a point apart."""
+    """Return whether distances to q of the other points fix the place of a point."""
     dimension = region.lower.shape[1]
     some = others[:: len(others) // MOST_CELLS + 1].tolist()
     bases = list(combinations(some, dimension))
@@ -92,7 +92,7 @@ def _cells_of_point(
     star_lower[row], star_upper[row] = lower[row], upper[row]
     star_lower[:, row], star_upper[:, row] = lower[:, row], upper[:, row]
     whole = np.stack([region.lower[row], region.upper[row]])
-    # The widest first; numbers tell apart those that are equally wide.
+    # Widest first; the number breaks ties.
     cells, numbers = [(-_width(whole), 0, whole)], count(1)
     while 0 < len(cells) < MOST_CELLS:
         *_, cell = heappop(cells)

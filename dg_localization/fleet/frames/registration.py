@@ -4,8 +4,8 @@
 """
 Registration: from the frame of a core to the fixed frame.
 
-What is known of a core in the fixed frame, by the coordinates of anchors or by the rays of the
-reference robot, is the rotation and the translation between the two.
+The coordinates of anchors or the rays of the reference robot bound the rotation and translation
+between the two.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ FloatArray = NDArray[np.float64]
 @dataclass(frozen=True)
 class CorePose:
     """
-    Where the axes of a core lie in the fixed frame.
+    The axes and the origin of a core in the fixed frame.
 
     Parameters
     ----------
     axes : Interval, shape (q, q), or None
-        Its columns are the axes; None when they are those of the fixed frame.
+        Its columns are the axes; None if they are the axes of the fixed frame.
     origin : Interval, shape (q,), or None
-        None when it is that of the fixed frame.
+        None if it is the origin of the fixed frame.
 
     """
 
@@ -53,14 +53,14 @@ class CorePose:
 @dataclass(frozen=True)
 class Registration:
     """
-    The fixed frame as the solved points know it.
+    The fixed frame relative to the solved points.
 
     Parameters
     ----------
     kind : FrameKind
     solved : Constraints
     cores : tuple of tuple of int
-        Rows of the points that span it, best first.
+        Rows of the points that span the frame, best first.
     anchors : mapping of int to Interval
         The coordinates of the anchors by row.
 
@@ -77,11 +77,11 @@ class Registration:
         return self.solved.rays.get(self.solved.points[self.cores[0][0]], ())
 
     def poses(self) -> dict[tuple[int, ...], CorePose]:
-        """Return what is known of the axes of each core."""
+        """Return the bounds of the pose of each core."""
         return {core: self._pose_of(core) for core in self.cores}
 
     def _pose_of(self, core: tuple[int, ...]) -> CorePose:
-        """Return what is known of the axes of a core."""
+        """Return the bounds of the pose of a core."""
         if self.kind == FrameKind.ANCHORS:
             origin, *others = (self.anchors[point] for point in core)
             return CorePose(_axes_along([place - origin for place in others]), origin)
@@ -108,7 +108,7 @@ class Registration:
         return local @ rotation.T
 
     def _moved_to_anchors(self, positions: FloatArray) -> FloatArray:
-        """Return positions after the translation and rotation that fit the anchors best."""
+        """Return positions moved by the translation and rotation that fit the anchors best."""
         points = list(self.anchors)
         targets = np.array([(box.lower + box.upper) / 2.0 for box in self.anchors.values()])
         center = positions[points].mean(axis=0)
@@ -124,7 +124,7 @@ class Registration:
 
 
 def _axes_along(edges: list[Interval]) -> Interval:
-    """Return the matrices whose columns are the axes that q - 1 edges from the origin make."""
+    """Return bounds of the matrix of axes (columns) spanned by q - 1 edges from the origin."""
     first = normalized(edges[0])
     if len(edges) == 1:
         x, y = first[..., 0], first[..., 1]
