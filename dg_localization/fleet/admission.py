@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Who may measure whom, and when: the checks of names and stamps that every measurement passes."""
+"""Checks of the names and stamps of every measurement."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from dg_localization.fleet.error_models import finite_number, quoted
 from dg_localization.fleet.vocabulary import LinkKey, RefusedError, RejectionReason
 
 MOST_BEFORE_S = 0.15
-"""How old an answer may be for the sake of odometry, when it is asked for."""
+"""Greatest age of an answer that is moved back in time to be covered by odometry."""
 
 PeerMeasurement: TypeAlias = tuple[str | tuple[str, str], float | ArrayLike]
 """
-The target, and its distance in m or the ray to it; or two points, and by how much the second is
-farther away.
+The target, and its distance in m or the ray to it; or two points, and the distance to the second
+minus the distance to the first.
 """
 
 _NO_ROWS = (str, bytes, Mapping)
 _NO_PAIR = (str, bytes, Mapping, Set)
-"""What has members that could be taken for rows, or for a target and a value."""
+"""Types with members that could be mistaken for rows, or for a target and a value."""
 
 
 def is_young(config: FleetConfig, stamp_s: float, now_s: float) -> bool:
-    """Return whether a measurement of that time counts at `now_s`."""
+    """Return whether a measurement with this stamp counts at `now_s`."""
     return -config.max_future_s <= now_s - stamp_s <= config.max_age_s
 
 
@@ -39,32 +39,32 @@ class Admission:
     def __init__(self, config: FleetConfig) -> None:
         self._config = config
         self._points = frozenset(config.points)
-        # Those that were checked: every reading asks for its own.
+        # The checked links: every reading looks its own up.
         self._links: set[LinkKey] = set()
 
     def check_names(self, *names: str) -> None:
-        """Refuse a name that is not one of the fleet."""
+        """Refuse a name that is not in the fleet."""
         for name in names:
             if name not in self._points:
                 text = f'{name!r} is not one of the robots and anchors {sorted(self._points)}'
                 raise RefusedError(RejectionReason.UNKNOWN_ROBOT, text)
 
     def check_robot(self, name: str) -> None:
-        """Refuse a name that is not that of a robot or anchor."""
+        """Refuse a name that is no robot or anchor."""
         if name in self._config.sensors:
             text = f'{name!r} is a sensor, and odometry is that of a robot'
             raise RefusedError(RejectionReason.UNKNOWN_ROBOT, text)
         self.check_names(name)
 
     def check_elevated(self, name: str) -> None:
-        """Refuse a name that is not that of a point with a stated elevation."""
+        """Refuse a name that is no point with a stated elevation."""
         if name in self._points and name not in self._config.elevations_m:
             text = f'{name!r} has no stated elevation, which readings of it could narrow'
             raise RefusedError(RejectionReason.INVALID_ELEVATION, text)
         self.check_names(name)
 
     def check_link(self, key: LinkKey) -> None:
-        """Refuse a link that does not join points of two robots or anchors."""
+        """Refuse a link that does not connect points of two robots or anchors."""
         if key in self._links:
             return
         if key.observer == key.target:
@@ -94,7 +94,7 @@ class Admission:
         return '' if point in self._config.anchors else self._config.robot_of(point)
 
     def checked_stamp(self, stamp_s: float, now_s: float) -> float:
-        """Return a stamp; refuse what is not a time, or too far from now."""
+        """Return a stamp; refuse it if it is no time, or too far from now."""
         now = finite_number(now_s)
         if now is None:
             text = f'the time now, {quoted(now_s)} s, is not a finite number'
@@ -120,7 +120,7 @@ class Admission:
 
 
 def rows_of_peers(readings: Iterable[PeerMeasurement]) -> Iterator[PeerMeasurement]:
-    """Yield the rows of peers up to where they cannot be read; refuse the rest."""
+    """Yield the rows of peers until one cannot be read, then refuse the rest."""
     why = 'are not allowed'
     try:
         if not isinstance(readings, _NO_ROWS):
@@ -136,7 +136,7 @@ def rows_of_peers(readings: Iterable[PeerMeasurement]) -> Iterator[PeerMeasureme
 
 
 def read_peer(row: PeerMeasurement) -> tuple[str, str, float | ArrayLike]:
-    """Return the names of a target and a reference, if there is one, and what was measured."""
+    """Return the target, the reference (empty without one), and the measured value of a row."""
     try:
         target, value = () if isinstance(row, _NO_PAIR) else row
         first, second = target if isinstance(target, tuple) else ('', target)

@@ -28,16 +28,16 @@ from dg_localization.solver.solve import solve
 
 class Part(NamedTuple):
     """
-    What the solver found for connected points.
+    The solution for one group of connected points.
 
     Parameters
     ----------
     plan : FramePlan
-        Of the frame of the placements.
+        The plan of the frame of the placements.
     placements : tuple of Placement
-        At most `max_hypotheses` of them, or of the solver where a window will narrow them.
+        At most `max_hypotheses` of the settings, or of the solver if a window will narrow them.
     n_hypotheses : int
-        How many there are; those not listed are not checked against the headings.
+        The number of hypotheses; those not listed are not checked against the headings.
 
     """
 
@@ -46,12 +46,12 @@ class Part(NamedTuple):
     n_hypotheses: int
 
     def leaving(self, placements: tuple[Placement, ...]) -> Part:
-        """Return the part with the placements that are left of those listed."""
+        """Return the part with the remaining placements of its list."""
         count = self.n_hypotheses - len(self.placements) + len(placements)
         return self._replace(placements=placements, n_hypotheses=count)
 
     def robots(self, config: FleetConfig) -> tuple[str, ...]:
-        """Return the names of its robots."""
+        """Return the names of the robots of the part."""
         points = self.plan.points
         return tuple(config.robots[point] for point in points if point < len(config.robots))
 
@@ -59,19 +59,19 @@ class Part(NamedTuple):
 @dataclass(frozen=True)
 class Answer:
     """
-    What the solver found for one choice of links.
+    The solution for one choice of links.
 
     Parameters
     ----------
     verdict : Verdict
     statistics : Statistics
-        Of all problems solved.
+        The work on all problems.
     groups : tuple of Part
-        What is connected, but not to the fixed frame.
+        The parts that are not connected to the fixed frame.
     main : Part or None
-        What is connected to the fixed frame.
+        The part that is connected to the fixed frame.
     rigidity : Rigidity
-        The rigid pieces of all of them.
+        The rigid pieces of all parts.
 
     """
 
@@ -94,11 +94,11 @@ class Answer:
 
 
 _OF_ALL = (Verdict.INFEASIBLE, Verdict.OUT_OF_BUDGET, Verdict.COVERED)
-"""The first of these that is the verdict of some parts is that of all together."""
+"""The verdict of an answer is the first of these that some part has."""
 
 
 def open_remedies(config: FleetConfig, found: Answer) -> tuple[str, ...]:
-    """Return what would join pieces, without what the placements that are left have decided."""
+    """Return the remedies that would join pieces, without those that placements have decided."""
     placements = [placement for part in found.parts for placement in part.placements]
     all_listed = sum(part.n_hypotheses for part in found.parts) == len(placements)
     names = (*config.robots, *config.landmarks)
@@ -111,25 +111,25 @@ def open_remedies(config: FleetConfig, found: Answer) -> tuple[str, ...]:
 
 
 def would_fix(config: FleetConfig, found: Answer) -> tuple[str, ...]:
-    """Return what would join the pieces of a fleet, those that nothing joins last."""
+    """Return measurements that would join the pieces of a fleet; separate groups come last."""
     joining = []
     for group in found.groups:
         robots = group.robots(config)
         n_group = len(robots)
         n_others = len(config.robots) + len(config.landmarks) - n_group
         missing = missing_ranges(n_group, n_others, 0, config.dimension)
-        # Either side may be flexible in itself: then it takes more to hold all of it.
+        # Either side may be flexible itself, and then needs more measurements.
         ranges = f'at least {missing} ranges to other robots or anchors'
         joining.append(f'{ranges} would join {", ".join(robots)} to the rest')
     return (*open_remedies(config, found), *joining)
 
 
 SHORTEST_S = 1e-3
-"""A solve for which no time is left gets this much: what is short still makes an answer."""
+"""Least time of a solve: even a short one gives an answer."""
 
 
 def shared_time(options: SolverOptions, n_solves: int) -> Iterator[SolverOptions]:
-    """Yield the options of solves one after another, which together take the time of one."""
+    """Yield the options of successive solves that share the time of one."""
     start_s = time.perf_counter()
     for n_left in range(n_solves, 0, -1):
         spent_s = time.perf_counter() - start_s
@@ -151,8 +151,8 @@ def answer_of(
     """
     Return every placement that agrees with the constraints, in the frames of the plans.
 
-    The constraints are without the `dropped` links. A contradiction anywhere contradicts the whole
-    fleet, and a limit anywhere leaves some of it open.
+    The constraints exclude the `dropped` links. A contradiction in any part makes the answer
+    infeasible; a limit reached in any part makes it out of budget.
     """
     if constraints.contradictory:
         return Answer(Verdict.INFEASIBLE)
@@ -180,13 +180,13 @@ def _answer_group(
     dropped: frozenset[LinkKey],
     cancel: Cancel | None,
 ) -> Answer:
-    """Return every placement of connected points, in the frame of their plan, as one group."""
+    """Return every placement of connected points in the frame of their plan, as one group."""
     placer = Placer(snapshot, constraints, plan, dropped)
     most_placements = snapshot.config.max_hypotheses
     if snapshot.window.observations:
-        # What is remembered may rule out the first ones.
+        # The window may rule out the first placements.
         most_placements = max(most_placements, options.max_hypotheses)
-    # To build one takes the solver long.
+    # Hypotheses are expensive to build.
     options = replace(options, max_hypotheses=math.ceil(most_placements / placer.most_images))
     result = solve(placer.problem, options, cancel)
     all_listed = result.n_hypotheses <= options.max_hypotheses
@@ -200,7 +200,7 @@ def _answer_group(
         )
         n_seen += 1
     else:
-        # The list is complete where it has fewer than it may; what is empty is left out.
+        # A list below its limit is complete; empty hypotheses are left out.
         is_complete = len(result.hypotheses) < options.max_hypotheses
         n_seen = result.n_hypotheses if is_complete else max(n_seen, options.max_hypotheses)
     n_unseen = max(0, result.n_hypotheses - n_seen)

@@ -4,8 +4,7 @@
 """
 Bodies: points whose mutual distances and chirality are known without any measurement.
 
-The anchors are the body of the world. What their coordinates say never changes, so it is computed
-once.
+The anchors are the body of the world. Their geometry never changes and is computed once.
 """
 
 from __future__ import annotations
@@ -31,25 +30,25 @@ from dg_localization.solver.problem import Chirality
 FloatArray = NDArray[np.float64]
 
 MAX_CORES = 6
-"""How many sets of q anchors are kept as axes of the fixed frame."""
+"""Most sets of q anchors that are kept as axes of the fixed frame."""
 
 MOST_COMPARED = 24
-"""Of how many anchors all sets are compared: 10,626 sets of four in space."""
+"""Most anchors of which all sets are compared: 10,626 sets of four in space."""
 
 
 @dataclass(frozen=True)
 class AnchorGeometry:
     """
-    The anchors of a fleet, by their indices into its points.
+    The anchors of a fleet, by index into its points.
 
     Parameters
     ----------
     boxes : dict of int to Interval
-        Bounds of the coordinates of each, in m.
+        Bounds of the coordinates of each anchor, in m.
     distances : tuple of (int, int, float, float)
         All pairs with bounds of their squared distance in m^2.
     chiralities : tuple of Chirality
-        One, when its sign is certain: the distances fix the others.
+        At most one, with a certain sign: the distances fix the others.
     cores : tuple of tuple of int
         Sets of q anchors that certainly span a hyperplane, the largest first.
 
@@ -62,7 +61,7 @@ class AnchorGeometry:
 
     @property
     def spanning(self) -> frozenset[int]:
-        """A few that span most; all where none certainly span the plane or space."""
+        """The few anchors that span most; all anchors if none certainly span the space."""
         if not self.chiralities:
             return frozenset(self.boxes)
         return frozenset(self.chiralities[0].points).union(*self.cores[:1])
@@ -76,7 +75,7 @@ class AnchorGeometry:
 
 
 def anchor_geometry(config: FleetConfig) -> AnchorGeometry:
-    """Return what the coordinates of the anchors say."""
+    """Return the geometry of the anchors from their coordinates."""
     if not config.anchors:
         return AnchorGeometry({}, (), (), ())
     index = {point: i for i, point in enumerate(config.points)}
@@ -88,7 +87,7 @@ def anchor_geometry(config: FleetConfig) -> AnchorGeometry:
 
 
 def boxes_around(centers_m: FloatArray, bounds_m: FloatArray) -> Interval:
-    """Return boxes around places, rounded outward where they are not exact."""
+    """Return boxes around places, rounded outward unless exact."""
     around, is_exact = Interval.around(centers_m, bounds_m), bounds_m == 0.0
     return Interval(
         np.where(is_exact, centers_m, around.lower), np.where(is_exact, centers_m, around.upper)
@@ -96,7 +95,7 @@ def boxes_around(centers_m: FloatArray, bounds_m: FloatArray) -> Interval:
 
 
 def _geometry(rows: list[int], boxes: Interval) -> AnchorGeometry:
-    """Return what the boxes of some anchors say, without their distances."""
+    """Return the geometry of some anchors from their boxes, without distances."""
     bounds_m = 0.5 * np.max(boxes.upper - boxes.lower, axis=1)
     compared = _well_spread(0.5 * (boxes.lower + boxes.upper), bounds_m)
     return AnchorGeometry(
@@ -141,9 +140,9 @@ def _well_spread(centers: FloatArray, bounds_m: FloatArray) -> list[int]:
     """
     Return the anchors whose sets are compared, at most `MOST_COMPARED`, in their order.
 
-    The first q + 1 span most: each is the farthest from the line or the plane through those
-    before it. Each of the others is the farthest from the nearest of those before it. How far an
-    anchor may be from its coordinates counts against it.
+    The first q + 1 span most: each is farthest from the line or plane through the anchors before
+    it. Each further one has the greatest distance to the nearest anchor before it. The bound of an
+    anchor counts against it.
     """
     if len(centers) <= MOST_COMPARED:
         return list(range(len(centers)))
@@ -163,7 +162,7 @@ def _well_spread(centers: FloatArray, bounds_m: FloatArray) -> list[int]:
 
 
 def _farthest(far_m: FloatArray, chosen: list[int]) -> int:
-    """Return which of those that are not chosen is the farthest."""
+    """Return the farthest anchor that is not chosen yet."""
     far_m[chosen] = -np.inf
     return int(np.argmax(far_m))
 

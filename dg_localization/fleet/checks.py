@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Checks of single settings. What they return is what the settings keep."""
+"""Checks of single settings. They return the value that the settings keep."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from typing import Any
 from dg_localization.solver.checks import is_whole
 
 FARTHEST_M = 1e9
-"""Farther from the origin coordinates have too few digits, and their squares may overflow."""
+"""Coordinates farther from the origin have too few digits, and their squares may overflow."""
 
 
 class ConfigError(ValueError):
-    """A setting has a value it cannot have."""
+    """A setting has a value that is not allowed."""
 
 
 def not_allowed(name: str, value: object, wanted: str) -> ConfigError:
-    """Return what is raised for a value of a setting."""
+    """Return the error for a wrong value of a setting."""
     return ConfigError(f'{name}: {value!r} is not allowed, {wanted}')
 
 
 def keep(settings: object, **values: object) -> None:
-    """Set fields of a frozen dataclass, while it is made."""
+    """Set fields of a frozen dataclass during its construction."""
     for name, value in values.items():
         object.__setattr__(settings, name, value)
 
 
 def keep_numbers(settings: object, prefix: str, limits: Mapping[str, Mapping[str, Any]]) -> None:
     """
-    Keep fields as numbers within limits, as integers where the default is one.
+    Keep fields as numbers within limits, as integers if the default is one.
 
-    None stays where that is the default.
+    None is kept if it is the default.
     """
     for name, within in limits.items():
         value, default = getattr(settings, name), getattr(type(settings), name, 0.0)
@@ -66,9 +66,9 @@ def require_number(
 
 def _as_float(value: object) -> float:
     """
-    Return a number of Python or NumPy as a float; NaN where it is none.
+    Return a number of Python or NumPy as a float; NaN if it is no number.
 
-    One that no float holds counts as none: rounded, a bound might exclude what it bounds.
+    A number that no float represents counts as none: a rounded bound might exclude the truth.
     """
     if isinstance(value, bool) or not isinstance(value, Real):
         return math.nan
@@ -88,7 +88,7 @@ def require_coordinates(name: str, values: object) -> tuple[float, ...]:
 
 
 def require_integer(name: str, value: object, *, at_least: float) -> int:
-    """Return `value` as an int; raise `ConfigError` unless it is one of at least `at_least`."""
+    """Return `value` as an int; raise `ConfigError` unless it is an integer >= `at_least`."""
     if is_whole(value) and value >= at_least:
         return int(value)
     raise not_allowed(name, value, f'it must be an integer >= {at_least:g}')
@@ -114,7 +114,7 @@ def require_one_of(name: str, value: object, allowed: Collection[str]) -> None:
 
 
 def require_members(name: str, value: Any, wanted: str) -> tuple[Any, ...]:
-    """Return what a sequence holds; raise `ConfigError` where it is none, such as a string."""
+    """Return the members of a sequence; raise `ConfigError` if it is none, such as a string."""
     if not isinstance(value, (str, bytes)):
         try:
             return tuple(value)
@@ -124,13 +124,13 @@ def require_members(name: str, value: Any, wanted: str) -> tuple[Any, ...]:
 
 
 def require_mapping(name: str, value: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return a copy that nobody can change; raise `ConfigError` unless it is a mapping."""
+    """Return a read-only copy; raise `ConfigError` unless it is a mapping."""
     require_kind(name, value, Mapping)
     return MappingProxyType(dict(value))
 
 
 def unlocked(value: Any) -> Any:
-    """Return a dict of what `require_mapping` returned, also inside; anything else as it is."""
+    """Return a mapping of `require_mapping` as a dict, recursively; other values unchanged."""
     if isinstance(value, Mapping):
         return {key: unlocked(inside) for key, inside in value.items()}
     return value

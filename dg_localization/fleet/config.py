@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What a fleet is: the validated settings of the package `fleet`.
+The validated settings of the package `fleet`.
 
 The dataclass is frozen and checks itself when made. A wrong value raises `ConfigError`, whose
-message names the field, the value, and what would be right.
+message names the field, the value, and the allowed values.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from dg_localization.solver.checks import is_whole
 from dg_localization.solver.options import SolverOptions
 
 LEAST_MEMORY_S = 0.001
-"""A shorter memory remembers nothing, and its time slots are shorter than a stamp resolves."""
+"""The time slots of a shorter memory would be shorter than stamps resolve."""
 
 OF_ROBOTS = ('robot_max_speed_m_s', 'robot_odometry_error')
 """Settings of single robots, by their names."""
@@ -80,7 +80,7 @@ LIMITS: Mapping[str, Mapping[str, Any]] = {
 @dataclass(frozen=True)
 class FleetConfig:
     """
-    Everything the package `fleet` needs to know before the first measurement.
+    All settings of the package `fleet`.
 
     Parameters
     ----------
@@ -94,14 +94,14 @@ class FleetConfig:
     max_age_s : float
         Older measurements are not used.
     stamp_error_s : float
-        How far any stamp may be from when it was true, by the clock that estimates are made at:
-        clocks of robots differ. Equal stamps of one robot are one time.
+        Bound of the error of any stamp against the clock of the estimates: clocks of robots
+        differ. Equal stamps of one robot are one time.
     max_future_s : float
-        How far a stamp may lie ahead of the clock.
+        Greatest time by which a stamp may be ahead of the clock.
     max_repeats : int
-        How many of the newest readings of one link are kept and intersected.
+        The number of newest readings of one link that are kept and intersected.
     range_error : RangeErrorModel
-        Error bounds of every range, unless it comes with others; so it is of what follows.
+        Error bounds of ranges that come without their own; so it is with the following bounds.
     bearing_half_width_rad : float
         Greatest angle between a measured ray and the true direction.
     bearing_expected_error_rad : float
@@ -110,51 +110,51 @@ class FleetConfig:
         Points of known coordinates. A name that is also in `robots` is a parked robot, any other
         is a landmark. Anchors do not move.
     mounts : mapping of str to mapping of str to Mount
-        The sensors of each robot by their names, a `Mount` or its position alone. The sensor
+        The sensors of each robot by name, each a `Mount` or its position alone. The sensor
         ``left`` of ``r1`` is the point ``r1/left``; ``r1`` itself is the origin of its body frame.
     elevations_m : mapping of str to tuple of float
-        Least and greatest elevation of points in the plane, whose ranges are then those between
-        their projections. A sensor without one has that of its robot; what is not named is at 0.
+        Least and greatest elevation of points in the plane; their ranges are projected to it. A
+        sensor without an entry has the elevation of its robot; other points are at 0.
     elevation_error : ElevationErrorModel
-        Error bounds of every elevation that is read, at points that `elevations_m` names.
+        Error bounds of every elevation reading, for points that `elevations_m` names.
     range_difference_error : DifferenceErrorModel
         Error bounds of every range difference.
     max_speed_m_s : float
         No robot moves faster. It determines how much the bounds of an old measurement widen.
     robot_max_speed_m_s : mapping of str to float
-        Speeds of the robots that differ from it.
+        Greatest speeds of robots for which `max_speed_m_s` does not hold.
     max_turn_rate_rad_s : float
         No robot turns faster. It determines how much the half width of an old bearing grows.
     min_separation_m : float
         No two robots come nearer than this, for example their size. Bearings between moving
         robots without a range need it: the direction to a very near point may turn at once.
     odometry_error : OdometryErrorModel
-        Greatest errors of odometry along its path, which carry older measurements to now.
+        Greatest errors of odometry along its path, which carries older measurements to now.
     robot_odometry_error : mapping of str to OdometryErrorModel
-        Those of the robots that differ from it.
+        Greatest errors of robots for which `odometry_error` does not hold.
     memory_s : float
-        How long measurements between points with odometry, and with anchors, are remembered; 0
+        Time for which measurements between points with odometry, or anchors, are remembered; 0
         remembers nothing.
     memory_max_seconds : float
-        How long an estimate may spend on what is remembered; infinity sets no limit.
+        Longest time that an estimate spends on remembered readings; infinity sets no limit.
     window_outliers : int
-        How many measurements of any two bodies in that time may be wrong.
+        The number of measurements of any two bodies in `memory_s` that may be wrong.
     max_hypotheses : int
-        How many placements an estimate lists.
+        Most placements that an estimate lists.
     max_outliers : int
-        How many contradicting observations may be dropped to get an answer. The answer is the
-        union over all minimal sets of them whose removal makes the rest agree.
+        Most contradicting observations that are dropped to get an answer. The answer is the union
+        over all minimal sets of observations whose removal makes the rest agree.
     outlier_unit : SuspectKind
-        What counts as one of them: an observation, a whole sensor, or a whole robot.
+        The unit of an outlier: an observation, a whole sensor, or a whole robot.
     stuck_readings : int
-        A sensor is stuck when this many readings in a row are equal to the last bit while robots
-        moved; ten times as many where there is no odometry. 0 switches the check off.
+        A sensor is stuck if this many readings in a row are equal to the last bit while robots
+        moved; ten times as many without odometry. 0 switches the check off.
     drop_stuck : bool
-        Whether they are dropped.
+        Whether stuck readings are dropped.
     max_conflict_solves : int
-        How many problems may be solved to explain one contradiction; 0 explains none.
+        Most problems that are solved to explain one contradiction; 0 explains none.
     max_conflict_seconds : float
-        How long a search for the explanation may take; infinity sets no limit.
+        Longest time of a search for the explanation; infinity sets no limit.
     solver : SolverOptions
         Resolution and budget of the solver.
 
@@ -220,12 +220,12 @@ class FleetConfig:
         keep(self, elevations_m=elevations_m)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Mappings that nobody can change cannot be pickled or copied.
+        # Read-only mappings cannot be pickled or copied.
         settings = {one.name: unlocked(getattr(self, one.name)) for one in fields(self)}
         return partial(type(self), **settings), ()
 
     def _check_kinds(self) -> None:
-        """Raise `ConfigError` on a setting of another type."""
+        """Raise `ConfigError` on a setting of a wrong type."""
         for name, kind in KINDS.items():
             require_kind(name, getattr(self, name), kind)
         for robot, error in self.robot_odometry_error.items():
@@ -253,7 +253,7 @@ class FleetConfig:
                 require_one_of(setting, name, self.robots)
 
     def _check_numbers(self) -> None:
-        """Keep numbers as those of Python; raise `ConfigError` on one out of its range."""
+        """Convert numbers to Python numbers; raise `ConfigError` on one out of its range."""
         if not is_whole(self.dimension) or self.dimension not in (2, 3):
             raise not_allowed('dimension', self.dimension, 'it must be 2 or 3')
         keep(self, dimension=int(self.dimension))
@@ -272,7 +272,7 @@ class FleetConfig:
 
     @cached_property
     def sensor_bounds(self) -> SensorBounds:
-        """The error bounds of every sensor whose readings come with none."""
+        """The error bounds of every sensor whose readings come without bounds."""
         return SensorBounds(*(getattr(self, one.name) for one in fields(SensorBounds)))
 
     @property
@@ -308,7 +308,7 @@ class FleetConfig:
         return low_m, high_m
 
     def elevated(self, point: str) -> str:
-        """Return whose elevation a point has: its own, or that of its robot."""
+        """Return the point whose elevation applies: the point itself, or its robot."""
         return point if point in self.elevations_m else self.robot_of(point)
 
     def speed_m_s(self, robot: str) -> float:
@@ -323,7 +323,7 @@ class FleetConfig:
 
     @cached_property
     def _odometry_errors(self) -> dict[str, OdometryErrorModel]:
-        """The greatest errors of odometry by robot and landmark; clocks that differ delay it."""
+        """The greatest errors of odometry by robot and landmark, with clock errors as latency."""
         errors = {}
         for robot in (*self.robots, *self.landmarks):
             error = self.robot_odometry_error.get(robot, self.odometry_error)
@@ -333,9 +333,9 @@ class FleetConfig:
 
     @property
     def between_stamps_s(self) -> float:
-        """How much longer or shorter than between two stamps the time between them may be."""
+        """Bound of the difference between a true time span and the span of its two stamps."""
         return product_up(2.0, self.stamp_error_s)
 
     def is_upright(self, robot: str) -> bool:
-        """Return whether the odometry of a robot tells its level frames, as in the plane."""
+        """Return whether the odometry of a robot gives its level frames, as in the plane."""
         return self.dimension == 2 or self.odometry_error_of(robot).tilt_rad is not None

@@ -4,9 +4,9 @@
 """
 Elevations of points in the plane: they turn ranges in space into ranges in the plane.
 
-Bounds of a distance in the plane follow from those in space and from the difference of the
-elevations, by Pythagoras. Elevations are stated, and may be read besides: a reading bounds them
-for as long as it is young, widened by how far the point can have risen or sunk.
+Bounds of a distance in the plane follow from the bounds in space and the difference of elevations,
+by Pythagoras. Elevations are stated in the settings and may also be read: a reading counts while
+it is young, widened by the greatest motion of the point since.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class _Reading(NamedTuple):
 
 class Elevations:
     """
-    What is known of the elevations of all points.
+    Bounds of the elevations of all points.
 
     Parameters
     ----------
@@ -62,9 +62,9 @@ class Elevations:
         now_s: float,
     ) -> Bounds | None:
         """
-        Add a reading, unless it contradicts what is known of the point.
+        Add a reading, unless it contradicts the known bounds of the point.
 
-        What contradicts shows no more than that either is wrong, so that no reading counts then.
+        A contradiction does not show which of them is wrong, so no reading counts then.
 
         Returns
         -------
@@ -84,7 +84,7 @@ class Elevations:
         return None
 
     def at_m(self, point: str, stamp_s: float, now_s: float) -> Bounds:
-        """Return bounds of the elevation of a point at a time, by what is young at `now_s`."""
+        """Return bounds of the elevation of a point at a time, by readings young at `now_s`."""
         config, stated_m = self._config, self._config.elevation_m(point)
         lower_m, upper_m = stated_m
         speed_m_s = config.speed_m_s(config.robot_of(point))
@@ -97,7 +97,7 @@ class Elevations:
         return (lower_m, upper_m) if lower_m <= upper_m else stated_m
 
     def in_plane(self, reading: DistanceReading, now_s: float) -> DistanceReading:
-        """Return what a reading of a distance in space says of that in the plane."""
+        """Return a distance reading in space as one in the plane."""
         rise_m2 = self.squared_rise_m2(*reading.key.ends, reading.stamp_s, now_s)
         if rise_m2[1] == 0.0:
             return reading
@@ -129,14 +129,14 @@ def distance_in_plane_m(distance_m: Bounds, rise_m2: Bounds) -> Bounds:
     Parameters
     ----------
     distance_m : tuple of float
-        Bounds of the distance of the points; the upper one is below zero where there is none.
+        Bounds of the distance of the points; the upper one is below zero if there is none.
     rise_m2 : tuple of float
         Bounds of the squared difference of their elevations.
 
     Returns
     -------
     lower_m, upper_m : float
-        The upper one is below zero where no distance agrees.
+        The upper bound is below zero if no distance agrees.
 
     """
     if rise_m2[1] == 0.0 or distance_m[1] < 0.0:
@@ -148,7 +148,7 @@ def distance_in_plane_m(distance_m: Bounds, rise_m2: Bounds) -> Bounds:
 
 
 def _likeliest_in_plane_m(likeliest_m: float, rise_m2: Bounds) -> float:
-    """Return the likeliest distance in the plane for that in space, NaN where that is NaN."""
+    """Return the likeliest distance in the plane for one in space; NaN for NaN."""
     if math.isnan(likeliest_m):
         return likeliest_m
     squared_m2 = likeliest_m * likeliest_m - 0.5 * (rise_m2[0] + rise_m2[1])

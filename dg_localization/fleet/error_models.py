@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-From a reading to bounds: ranges (REP-117 included) and rays; poses as they were reported.
+Bounds from readings: ranges (including REP-117) and rays; checks of reported poses.
 
 Bounds are rounded outward. The reading itself counts as an exact number.
 """
@@ -52,13 +52,13 @@ def real_number(value: object) -> float | None:
 
 
 def finite_number(value: object) -> float | None:
-    """Return what `real_number` does; None where it is infinite or no number."""
+    """Return `real_number` of a value; None if it is infinite or no number."""
     number = real_number(value)
     return number if number is not None and math.isfinite(number) else None
 
 
 def is_single(value: object) -> bool:
-    """Return whether a measurement is one value, such as a range, and no ray."""
+    """Return whether a measurement is a single value, such as a range, not a ray."""
     try:
         return isinstance(value, float) or np.ndim(cast(ArrayLike, value)) == 0
     except ValueError:
@@ -67,7 +67,7 @@ def is_single(value: object) -> bool:
 
 
 def real_numbers(values: ArrayLike) -> FloatArray | None:
-    """Return numbers as a new array of one axis; None where some are none."""
+    """Return numbers as a new array of one axis; None if some are no numbers."""
     try:
         array = np.asanyarray(values)
         return np.array(array, dtype=float).reshape(-1) if _are_real(array) else None
@@ -79,13 +79,13 @@ def _are_real(array: NDArray[Any]) -> bool:
     """
     Return whether all entries of an array are real numbers.
 
-    NumPy would make numbers of text and truth values, and leave imaginary parts and masks out.
+    NumPy would convert text and truth values to numbers, and drop imaginary parts and masks.
     """
     return array.dtype.kind not in 'bcSU' and not np.ma.is_masked(array)
 
 
 def quoted(value: object) -> str:
-    """Return a malformed value as it is written, cut to a length that people read."""
+    """Return the text of a malformed value, cut to a readable length."""
     try:
         text = repr(value)
     except ValueError:
@@ -97,13 +97,13 @@ def quoted(value: object) -> str:
 def distance_bounds_m(
     model: RangeErrorModel, range_m: float, variance_m2: float = 0.0
 ) -> tuple[float, float]:
-    """Return all true distances a reading allows."""
+    """Return bounds of all true distances that a reading allows."""
     spread_m = 0.0
     if model.sigma_factor > 0.0:
         spread_m = product_up(model.sigma_factor, sqrt_up(variance_m2))
     least = model.min_error_m, model.min_error_relative
     most = model.max_error_m, model.max_error_relative
-    # Beyond a reading at which the two lines cross, they change places.
+    # Beyond the reading at which the two lines cross, they swap.
     high_m = max(sum_up(m, product_up(share, range_m), spread_m) for m, share in (least, most))
     low_m = min(sum_down(m, product_down(share, range_m), -spread_m) for m, share in (least, most))
     return max(0.0, sum_down(range_m, -high_m)), sum_up(range_m, -low_m)
@@ -111,11 +111,11 @@ def distance_bounds_m(
 
 def likeliest_distance_m(model: RangeErrorModel, range_m: float) -> float:
     """
-    Return the likeliest distance of a reading; NaN when it is infinite.
+    Return the likeliest distance of a reading; NaN if it is infinite.
 
-    Bounds that are not symmetric have to hold a tail, and most errors are far from its end. Where
-    the model does not state the likeliest error, it is taken to be in the middle between the
-    least one in size and the middle of the bounds.
+    Asymmetric bounds cover a tail, and most errors are far from its end. If the model does not
+    state the likeliest error, it is taken midway between the smallest error in size and the middle
+    of the bounds.
     """
     if math.isinf(range_m):
         return math.nan
@@ -134,10 +134,10 @@ def likeliest_distance_m(model: RangeErrorModel, range_m: float) -> float:
 
 def interpret_range(model: RangeErrorModel, message: RangeMessage) -> tuple[float, float]:
     """
-    Return lower and upper bounds of all true distances that a reading allows, after REP-117.
+    Return lower and upper bounds of all true distances that a reading allows, by REP-117.
 
     NaN is no reading, +inf is nothing within the maximum of the sensor, -inf is closer than its
-    minimum. Limits that are None or NaN are not given, and neither is a maximum of zero.
+    minimum. Limits that are None or NaN, and a maximum of zero, count as not given.
     """
     range_m, limits = required_number(message.range_m, 'range'), []
     for name, limit_m in (('min_range', message.min_range_m), ('max_range', message.max_range_m)):
@@ -173,7 +173,7 @@ def required_number(value: object, name: str) -> float:
 def _interpret_infinite(
     model: RangeErrorModel, range_m: float, minimum: float, maximum: float, variance: float
 ) -> tuple[float, float]:
-    """Return what a reading of +inf or -inf says."""
+    """Return the bounds of a reading of +inf or -inf."""
     if range_m > 0.0:
         if model.beyond_max_is_far and math.isfinite(maximum):
             return distance_bounds_m(model, maximum, variance)[0], math.inf
@@ -186,7 +186,7 @@ def _interpret_infinite(
 
 
 def _check_reading(model: RangeErrorModel, range_m: float, minimum: float, maximum: float) -> None:
-    """Refuse a reading that is not infinite where it says nothing."""
+    """Refuse a finite or NaN reading that carries no information."""
     if math.isnan(range_m):
         raise RefusedError(RejectionReason.NAN, 'range nan m is no reading')
     least_m, most_m = model.min_reading_m, model.max_reading_m
@@ -219,19 +219,19 @@ def _check_reading(model: RangeErrorModel, range_m: float, minimum: float, maxim
 
 
 def _short(value_m: float) -> float:
-    """Return a number for people, who are shown no more digits than single precision has."""
+    """Return a number for messages, rounded to the digits of single precision."""
     return float(f'{value_m:.9g}')
 
 
 def interpret_ray(ray_xyz: ArrayLike, dimension: int) -> np.ndarray:
     """Return the unit vector of a ray in the body frame; in the plane, of its projection."""
     components = real_numbers(ray_xyz)
-    # Plain numbers: arrays of three cost several times as much, and every ray comes through here.
+    # Plain numbers: arrays of three take several times as long, and this runs for every ray.
     ray = [] if components is None else components.tolist()
     if len(ray) != 3 or not all(map(math.isfinite, ray)):
         text = f'ray {quoted(ray or ray_xyz)} is not allowed, it must have three finite components'
         raise RefusedError(RejectionReason.INVALID_RAY, text)
-    # Scaled first: the squares of tiny and of huge components would leave the number range.
+    # Scaled first: squares of tiny and of huge components would leave the number range.
     largest = max(map(abs, ray)) or 1.0
     x, y, z = (component / largest for component in ray)
     if dimension == 2:
@@ -263,10 +263,10 @@ def leaves_plane(ray_xyz: ArrayLike, half_width_rad: float) -> bool:
 
 def projected_half_width_rad(ray_xyz: ArrayLike, half_width_rad: float) -> float:
     """
-    Return how far the projection of a ray on the plane may be from that of the true direction.
+    Return the greatest azimuth error of the projection of a ray on the plane.
 
-    By the sine rule of a spherical triangle, the sine of an azimuth error is at most that of the
-    angle between the two over the horizontal part of the ray.
+    By the sine rule of a spherical triangle, the sine of an azimuth error is at most the sine of
+    the angle between ray and truth, divided by the horizontal part of the ray.
     """
     ray = np.asarray(ray_xyz, dtype=float)
     x, y, z = ray / np.abs(ray).max()
@@ -281,9 +281,9 @@ def interpret_pose(
     position_xyz: ArrayLike, orientation_xyzw: ArrayLike, error: OdometryErrorModel
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """
-    Return a position as it was reported, where it is on the track, and the rotation.
+    Return a position as reported, the position on the track, and the rotation.
 
-    They are new arrays: they are kept, and the caller may use its own again.
+    They are new arrays, so the caller may reuse its own.
     """
     position, quaternion = real_numbers(position_xyz), real_numbers(orientation_xyzw)
     if position is not None and quaternion is not None:
@@ -308,5 +308,5 @@ def _is_pose(position: np.ndarray, quaternion: np.ndarray) -> bool:
 
 
 def _written(numbers: np.ndarray | None, given: ArrayLike) -> str:
-    """Return what was given in place of a position or an orientation, for a message."""
+    """Return the text of a malformed position or orientation, for a message."""
     return quoted(given if numbers is None else numbers.tolist())

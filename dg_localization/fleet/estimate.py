@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the package answers: every placement of a fleet, or the reason why there is none."""
+"""The answer of the package: every placement of a fleet, or the reason why there is none."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from dg_localization.solver.result import Statistics, Verdict
 
 
 class FrameKind(StrEnum):
-    """What defines the axes of a fixed frame."""
+    """The definition of the axes of a fixed frame."""
 
     ANCHORS = 'anchors'
     """The coordinates of the anchors."""
@@ -38,7 +38,7 @@ class FrameKind(StrEnum):
 @dataclass(frozen=True)
 class FixedFrame:
     """
-    How the frame of an estimate is tied to the fleet.
+    The frame of an estimate, and its relation to the fleet.
 
     Parameters
     ----------
@@ -48,9 +48,9 @@ class FixedFrame:
         the axes: the second lies on the positive x axis (dimension 3: the third in the half plane
         of positive y).
     name : str
-        That of the odometry frame, as the odometry states it.
+        The name of the odometry frame, as the odometry states it.
     restarted_s : float
-        When the odometry started anew: its frame has been another one since; 0 for never.
+        The time of the last restart of the odometry, which changed its frame; 0 if it never did.
 
     """
 
@@ -80,51 +80,51 @@ class Placement:
     """
     One placement of the fleet that agrees with the measurements, and bounds around it.
 
-    Rows are the robots in parameter order. The arrays of an estimate are read only: what is proved
-    of the next estimate starts from them.
+    Rows are the robots in parameter order. The arrays of an estimate are read-only, since the next
+    estimate uses them as proved bounds.
 
     Parameters
     ----------
     positions_m : numpy.ndarray, shape (n, q)
-        The best point, a placement in the fixed frame; NaN where no position is known.
+        The best point, a placement in the fixed frame; NaN for unknown positions.
     enclosure_m : numpy.ndarray, shape (n, 2, q)
-        Lower and upper coordinates, rounded outward, of all placements this one represents;
-        infinite where the measurements do not bound them.
+        Lower and upper coordinates, rounded outward, of all placements that this one represents;
+        infinite if the measurements do not bound them.
     orientations_xyzw : numpy.ndarray, shape (n, 4)
-        Unit quaternions from body to fixed frame; NaN where the heading is unknown.
+        Unit quaternions from body to fixed frame; NaN for unknown headings.
     heading_known : numpy.ndarray of bool, shape (n,)
         Whether the bearings of a robot, or the window, fix its heading.
     heading_half_width_rad : numpy.ndarray, shape (n,)
-        Greatest angle between the orientation and the true one; pi where it is unknown.
+        Greatest angle between the orientation and the true one; pi if it is unknown.
     proved : bool
         Whether the placement was checked to meet every constraint of the solver, with outward
-        rounding. Where bounds are as narrow as rounding errors the check is that before the
-        rotation into the fixed frame.
+        rounding. If bounds are as narrow as rounding errors, it was checked before the rotation
+        into the fixed frame.
     flexible : bool
-        Whether robots may be able to move without any measurement changing. Turning about the
-        only sensor that anybody measured does not count.
+        Whether robots may be able to move without a change of any measurement. The rotation of a
+        robot about its only measured sensor does not count.
     mirrored : bool
-        Whether this is the mirror image of the placement before it, which the measurements
-        cannot tell from it.
+        Whether this is the mirror image of the placement before it; the measurements cannot
+        distinguish the two.
     dropped : tuple of LinkKey
-        The contradicting links that are left out here; empty when all agree.
+        The contradicting links that are left out here; empty if all agree.
     landmarks_m : numpy.ndarray, shape (m, q)
         Positions of the anchors that are not robots.
     landmark_enclosure_m : numpy.ndarray, shape (m, 2, q)
         Their enclosures.
     covariances : numpy.ndarray, shape (n, 6, 6), or None
-        Of each position (m) and of a small rotation about the axes of the fixed frame (rad), by
-        least squares: for readings whose errors are independent and anywhere in their bounds. It
-        holds no guarantee. NaN where no position is known; None when it was not computed.
+        Covariances of each position (m) and of a small rotation about the axes of the fixed frame
+        (rad), by least squares. Errors count as independent and uniform within their bounds, so
+        there is no guarantee. NaN for unknown positions; None if not computed.
     fitted_yaws_rad : numpy.ndarray, shape (n,), or None
-        The headings of the best point, in the plane; NaN where none was fitted. Only
+        The headings of the best point, in the plane; NaN for headings that were not fitted. Only
         `best_headings` is sure to keep them within the bounds.
     lower_m, upper_m : numpy.ndarray, shape (n, n)
         Bounds of the distances between the robots.
     number : int
-        The same as long as the hypothesis lives; 0 for one that was not followed.
+        The number of the hypothesis, kept as long as it lives; 0 if it was not followed.
     misfits : tuple of str
-        What is remembered and farther off the best point than its bounds let it be.
+        Remembered readings that are farther off the best point than their bounds allow.
 
     """
 
@@ -147,7 +147,7 @@ class Placement:
     misfits: tuple[str, ...] = ()
 
     def protect(self) -> None:
-        """Make the arrays read only."""
+        """Make the arrays read-only."""
         for value in vars(self).values():
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False
@@ -155,15 +155,15 @@ class Placement:
     @cached_property
     def best_headings(self) -> tuple[np.ndarray, np.ndarray]:
         """
-        The headings of the best point, and how far each may be off.
+        The headings of the best point, and bounds of their errors.
 
-        The orientation of a placement is the one with the narrowest bound around it. The best
-        point knows better where in these bounds the heading is likely to be.
+        The orientation of a placement is the middle of its bounds. The best point gives the
+        likeliest heading within these bounds.
 
         Returns
         -------
         orientations_xyzw : numpy.ndarray, shape (n, 4)
-            As `orientations_xyzw` where no heading was fitted.
+            Equal to `orientations_xyzw` if no heading was fitted.
         half_widths_rad : numpy.ndarray, shape (n,)
             Greatest angles to the true orientations.
 
@@ -182,7 +182,7 @@ class Placement:
 
 
 def spread_out(count: int, rows: Sequence[int], values: np.ndarray) -> np.ndarray:
-    """Return an array of `count` rows, some of which are given; the others are NaN."""
+    """Return an array of `count` rows with the given values at `rows` and NaN elsewhere."""
     everything = np.full((count, *values.shape[1:]), np.nan)
     everything[rows] = values
     return everything
@@ -198,11 +198,11 @@ class Group:
     robots : tuple of str
         Their names in parameter order.
     frame : FixedFrame
-        A frame of their own: no coordinates in it may be compared with those of another.
+        The frame of the group: its coordinates must not be compared with those of other frames.
     placements : tuple of Placement
-        As those of an estimate, unknown where a robot is not in the group.
+        Placements as in an estimate; robots outside the group are unknown.
     n_hypotheses : int
-        How many there are in all.
+        The number of all hypotheses.
 
     """
 
@@ -220,58 +220,57 @@ class Estimate:
     Parameters
     ----------
     stamp_s : float
-        Time of the snapshot this answers.
+        Time of the snapshot.
     robots : tuple of str
         Row order of every placement.
     verdict : Verdict or None
-        What the solver proved; None when there was nothing to solve.
+        The verdict of the solver; None if there was nothing to solve.
     reason : str
-        A short sentence on what the estimate is, or why it is empty.
+        A short sentence that describes the estimate, or says why it is empty.
     placements : tuple of Placement
-        At most `max_hypotheses` of them.
+        At most `max_hypotheses` placements.
     n_hypotheses : int
-        How many there are in all; those not listed are not checked against the headings.
+        The number of all hypotheses; those not listed are not checked against the headings.
     statistics : Statistics or None
         Work of the solver.
     links : tuple of LinkState
-        Every link that has ever delivered, used or stale.
+        Every link that has ever delivered a reading, used or stale.
     conflicts : tuple of tuple of LinkKey
         Minimal sets of links that contradict each other, as far as they were found.
     suspects : tuple of Suspect
-        Whom the contradictions make suspect: the observations of every smallest set without which
-        the rest agree, or one sensor or robot that they have in common.
+        Suspects of the contradictions: the observations of every minimal set whose removal makes
+        the rest agree, or the one sensor or robot that such a set shares.
     suspected_sensors : tuple of Suspect
-        The sensors that these belong to and the anchors that they measure, or the robots that they
-        are.
+        The sensors of these suspects and the anchors that they measure, or the suspected robots.
     suspects_in_window : tuple of Suspect
-        The observations of the window that explain why it does not agree with itself, where
-        `window_outliers` tolerates that.
+        The observations of the window that explain its contradictions, if `window_outliers`
+        tolerates these.
     offenders : tuple of Offender
-        The sensors that were among the suspects lately, those that were most often first.
+        The sensors that were suspects recently, most frequent first.
     landmarks : tuple of str
         Names of the anchors that are not robots.
     frame : FixedFrame or None
-        How the fixed frame is tied to the fleet; None when there are no placements.
+        The fixed frame; None if there are no placements.
     previous_frame : FixedFrame or None
-        The frame of the placements before, where it was another; None when nothing has changed.
+        The different frame of the estimate before; None if the frame has not changed.
     frame_changes : int
-        How often the frame has changed so far.
+        The number of frame changes so far.
     frame_doubt : str
-        A sentence on why the frame is not that of the reference robot; empty if it is, or if
-        anchors make it.
+        A sentence that says why the frame is not the frame of the reference robot; empty if it
+        is, or if anchors define the frame.
     groups : tuple of Group
-        The robots that are not connected to the fixed frame but to each other.
+        Groups of robots that are connected to each other, but not to the fixed frame.
     rigid_groups : tuple of tuple of str
         The points that the measurements hold rigid together: each group can only move as a whole.
     would_fix : tuple of str
-        Measurements that would join two of these groups, as short sentences.
+        Measurements that would join two rigid groups, as short sentences.
     ruled_out : tuple of str
-        What of the moment the window has ruled out, as short sentences.
+        Placements of the moment that the window has ruled out, as short sentences.
     forgotten : tuple of Forgotten
-        What of the window contradicts itself or the moment, and does not count any more.
+        Observations that contradict each other or the moment, and no longer count.
     seconds : mapping of str to float
-        What its parts took on the clock, in s: recalling what is remembered, solving the moment,
-        and narrowing and fitting what is left.
+        Wall times of the stages in s: recalling the window, solving the moment, and narrowing and
+        fitting the answer.
 
     """
 
@@ -302,12 +301,12 @@ class Estimate:
 
     @property
     def frame_change(self) -> str:
-        """A sentence on how the frame has changed; empty when it has not."""
+        """A sentence on the change of the frame; empty if it has not changed."""
         if self.previous_frame is None:
             return ''
         return f'the frame has changed: {self.previous_frame} before, {self.frame} now'
 
     @property
     def misfits(self) -> tuple[str, ...]:
-        """What is farther off the best points than its bounds allow, as short sentences."""
+        """Remembered readings farther off the best points than their bounds, as sentences."""
         return tuple(dict.fromkeys(one for place in self.placements for one in place.misfits))

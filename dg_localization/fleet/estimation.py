@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""From a snapshot to an estimate: solve it, and explain it when it contradicts itself."""
+"""From a snapshot to an estimate: solve it, or explain its contradictions."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def estimate_snapshot(
     began_s = time.perf_counter()
     recalled = recall(snapshot, proved, cancel, earlier)
     if recalled.forgotten:
-        # What contradicts the memory may contradict itself, which says nothing of the memory.
+        # Readings that contradict each other prove nothing about the memory.
         contradiction = _contradiction_of_moment(snapshot, recalled, cancel)
         if contradiction is not None:
             return contradiction, ()
@@ -64,7 +64,7 @@ def estimate_snapshot(
         return _without_data(snapshot, recalled), ()
     in_window = suspects_in_window(snapshot, recalled.pose_sets, recalled.allowance.part(2))
     recalled_s = time.perf_counter()
-    # The solver comes next, whose time is limited on its own.
+    # The solver comes next; it has its own time limit.
     recalled.allowance.pause()
     remembered = recalled.pose_sets.distances(snapshot)
     constraints = constrain(snapshot, recalled.replaced, remembered)
@@ -78,7 +78,7 @@ def estimate_snapshot(
         found, plans = _solve(snapshot, constraints, snapshot.solver, cancel=cancel)
     if found.verdict is Verdict.INFEASIBLE:
         estimate = _explained(snapshot, constraints, found.statistics, cancel)
-        # The moment contradicts itself: that says nothing of what else is remembered.
+        # The moment contradicts itself: that proves nothing about the rest of the memory.
         forgotten = (*by_memory, *estimate.forgotten)
         return replace(estimate, suspects_in_window=in_window, forgotten=forgotten), ()
     solved_s = time.perf_counter()
@@ -110,7 +110,7 @@ def estimate_snapshot(
 
 
 def _with_likely_poses(snapshot: Snapshot, found: Answer, earlier: EarlierSets) -> Answer:
-    """Return an answer with the likely poses of its robots, and keep these for the next one."""
+    """Return an answer with the likeliest poses of its robots, and keep them for the next."""
     kept, earlier.likely = earlier.likely, {}
     main = found.main
     if main is None or snapshot.config.dimension != 2 or len(main.placements) != 1:
@@ -124,7 +124,7 @@ def _with_likely_poses(snapshot: Snapshot, found: Answer, earlier: EarlierSets) 
 def _contradiction_of_moment(
     snapshot: Snapshot, recalled: Recollection, cancel: Cancel | None
 ) -> Estimate | None:
-    """Return the explained contradiction of what is measured now; None where it agrees."""
+    """Return the explained contradiction between readings of now; None if they agree."""
     recalled.allowance.pause()
     constraints = constrain(snapshot)
     found, _ = _solve(snapshot, constraints, snapshot.solver, cancel=cancel)
@@ -138,8 +138,8 @@ def _solver_options(snapshot: Snapshot, recalled: Recollection) -> SolverOptions
     """
     Return the options of the solver.
 
-    In the plane, the pose sets of all robots narrow the answer more than tightened bounds, which
-    take twice as long as all the rest.
+    In the plane, pose sets of all robots narrow the answer more than tightened bounds, which take
+    twice as long as all the rest.
     """
     config = snapshot.config
     placed = {config.robots[robot] for robot in recalled.pose_sets.covers} | config.anchors.keys()
@@ -155,13 +155,13 @@ def _solve(
     dropped: frozenset[LinkKey] = frozenset(),
     cancel: Cancel | None = None,
 ) -> tuple[Answer, Plans]:
-    """Return the answer in frames of its own, and these."""
+    """Return the answer in newly planned frames, and the plans."""
     (plans,) = plan_frames(snapshot, constraints, [constraints])
     return answer_of(snapshot, constraints, plans, options, dropped, cancel), plans
 
 
 def _without_data(snapshot: Snapshot, recalled: Recollection) -> Estimate:
-    """Return the estimate where there is nothing to solve."""
+    """Return the estimate if there is nothing to solve."""
     return _estimate(snapshot, None, _no_data_reason(snapshot), forgotten=recalled.forgotten)
 
 
@@ -188,7 +188,7 @@ def _estimate(
     conflicts: tuple[Conflict, ...] = (),
     **answer: Any,
 ) -> Estimate:
-    """Return an estimate of a snapshot, the links in a conflict marked."""
+    """Return an estimate of a snapshot, with the links in conflicts marked."""
     guilty = {key for conflict in conflicts for key in conflict}
     return Estimate(
         stamp_s=snapshot.stamp_s,
@@ -211,7 +211,7 @@ def _answered(
     """
     Return the estimate of an answer, with as many placements as may be listed.
 
-    The plans are those of alternatives; all have the same frame, or none.
+    The plans belong to alternatives; all have the same frame, or none.
     """
     config, main = snapshot.config, found.main
     apart: dict[str, Any] = {
@@ -245,7 +245,7 @@ def _answered(
 
 
 def _reason(snapshot: Snapshot, found: Answer, main: Part, plans: Sequence[Plans]) -> str:
-    """Return a sentence on what the placements are."""
+    """Return a sentence that describes the placements."""
     config, count = snapshot.config, main.n_hypotheses
     limit, *groups = _open_texts(config, found)
     parts = ['1 placement' if count == 1 else f'{count} placements', limit]
@@ -264,7 +264,7 @@ def _reason(snapshot: Snapshot, found: Answer, main: Part, plans: Sequence[Plans
     if lost:
         parts.append(f'not connected: {", ".join(lost)}')
     parts += groups
-    # Others have measured nothing yet at the time of the answer.
+    # Links with a negative age have measured nothing yet at the time of the answer.
     stale = sum(link.stale and link.age_s >= 0.0 for link in snapshot.links)
     if stale:
         parts.append('1 link is stale' if stale == 1 else f'{stale} links are stale')
@@ -272,7 +272,7 @@ def _reason(snapshot: Snapshot, found: Answer, main: Part, plans: Sequence[Plans
 
 
 def _open_texts(config: FleetConfig, found: Answer) -> list[str]:
-    """Return what a limit left open, empty if nothing, and a text on each group apart."""
+    """Return a text on what a limit left open, if any, and a text on each separate group."""
     is_open = found.verdict is Verdict.OUT_OF_BUDGET
     limit = 'the search stopped at its budget; what it left open is included' if is_open else ''
     groups = (', '.join(group.robots(config)) for group in found.groups)
@@ -282,7 +282,7 @@ def _open_texts(config: FleetConfig, found: Answer) -> list[str]:
 def _explained(
     snapshot: Snapshot, constraints: Constraints, statistics: Statistics, cancel: Cancel | None
 ) -> Estimate:
-    """Return the estimate when no placement agrees with all measurements."""
+    """Return the estimate if no placement agrees with all measurements."""
     observed = observations_of(snapshot)
     found = corrected(snapshot, constraints, observed, cancel)
     explanation, plans = found.explanation, found.plans
@@ -312,9 +312,9 @@ def _explained(
 
 def _forget_guilty(snapshot: Snapshot, blamed: frozenset[LinkKey]) -> tuple[Forgotten, ...]:
     """
-    Return what to forget where links contradict each other: some of them is wrong.
+    Return the observations to forget if links contradict each other: one of them is wrong.
 
-    What counts at the moment may be stamped up to `max_future_s` later.
+    Readings of the moment may be stamped up to `max_future_s` later.
     """
     config, now_s = snapshot.config, snapshot.stamp_s
     ends = frozenset(key.ends for key in blamed or snapshot.keys)
@@ -326,7 +326,7 @@ def _forget_guilty(snapshot: Snapshot, blamed: frozenset[LinkKey]) -> tuple[Forg
 
 
 def _is_remembered(snapshot: Snapshot, ends: Ends) -> bool:
-    """Return whether what two points observe of each other is remembered, or will be."""
+    """Return whether observations between two points are remembered, or will be."""
     config = snapshot.config
     moving = {config.robot_of(point) for point in ends}.difference(config.anchors)
     will_be = config.memory_s > 0.0 and bool(moving) and moving <= snapshot.motion.odometry.keys()
@@ -334,7 +334,7 @@ def _is_remembered(snapshot: Snapshot, ends: Ends) -> bool:
 
 
 def _union(answers: list[Answer], statistics: Statistics) -> Answer:
-    """Return all answers together, with their work added to `statistics`."""
+    """Return the union of answers, with their work added to `statistics`."""
     for found in answers:
         statistics += found.statistics
     verdicts = {found.verdict for found in answers}
@@ -344,7 +344,7 @@ def _union(answers: list[Answer], statistics: Statistics) -> Answer:
         verdict=next(verdict for verdict in _WORST_FIRST if verdict in verdicts),
         statistics=statistics,
         main=Part(mains[0].plan, placements, sum(main.n_hypotheses for main in mains)),
-        # Several ways to drop links may connect other robots: their frames are not the same.
+        # Corrections that drop different links may have different groups and frames.
         groups=answers[0].groups if len(answers) == 1 else (),
         rigidity=answers[0].rigidity if len(answers) == 1 else NOT_RIGID,
     )

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What a fleet measures, taken in: checked, counted, and made a reading.
+Intake of measurements: each is checked, counted, and converted to a reading.
 
 A measurement that cannot be used never raises an exception: it becomes a `Rejection`, counted by
 reason on its input.
@@ -31,7 +31,7 @@ from dg_localization.interval.environment import default_environment
 
 
 class MeasurementIntake(MeasurementStore):
-    """The measurements of a fleet: every `add_...` accepts one, or returns why not."""
+    """The measurements of a fleet; every `add_...` accepts one or returns its rejection."""
 
     @default_environment()
     def add_range(
@@ -120,14 +120,14 @@ class MeasurementIntake(MeasurementStore):
         bounds: SensorBounds | None = None,
     ) -> Rejection | None:
         """
-        Add by how much one point is farther away than another, as of arrivals of radio waves.
+        Add the difference of the distances to two points, for example from arrival times (TDOA).
 
-        It counts once the observer has odometry, and is remembered.
+        It counts once the observer has odometry, as part of the memory.
 
         Parameters
         ----------
         observer : str
-            Who measured: a robot, or a sensor on one.
+            The observing robot or sensor.
         first, second : str
             Two anchors, or two points on another robot.
         difference_m : float
@@ -204,10 +204,10 @@ class MeasurementIntake(MeasurementStore):
         bounds: SensorBounds | None = None,
     ) -> Rejection | None:
         """
-        Add an elevation that was read, which narrows the one that is stated.
+        Add an elevation reading, which narrows the stated elevation.
 
-        It counts for what is added after it: a range in space becomes one in the plane by the
-        elevations that are known when it is added.
+        It counts for ranges that are added after it: a range is projected to the plane with the
+        elevations known when it is added.
 
         Parameters
         ----------
@@ -223,8 +223,8 @@ class MeasurementIntake(MeasurementStore):
         Returns
         -------
         Rejection or None
-            Why it was not accepted. One that contradicts what is known is not, and what was read
-            before it does not count either: which of them is wrong is not known.
+            Why it was not accepted. A reading that contradicts the known bounds is not accepted,
+            and earlier readings stop counting too: it is not known which of them is wrong.
 
         """
         key = LinkKey(LinkKind.ELEVATION, str(point), '')
@@ -257,12 +257,12 @@ class MeasurementIntake(MeasurementStore):
         bounds: SensorBounds | None = None,
     ) -> list[Rejection]:
         """
-        Add everything that one robot measured of others at one time.
+        Add all measurements of one robot at one time.
 
         Parameters
         ----------
         observer : str
-            Who measured.
+            The observing robot or sensor.
         readings : iterable of (str, float or array_like of shape (3,))
             The target, and either its distance in m or the ray to it, as for `add_range` and
             `add_bearing`. A target may occur twice, with a distance and with a ray. In place of
@@ -287,7 +287,7 @@ class MeasurementIntake(MeasurementStore):
             stamp = self._admission.checked_stamp(stamp_s, now_s)
             for row in rows_of_peers(readings):
                 rows.append(row)
-            # A robot that measures nobody still delivers.
+            # A message without readings still counts as delivered.
         rejections += refused.values()
         if refused and not rows:
             return rejections
@@ -315,7 +315,7 @@ class MeasurementIntake(MeasurementStore):
         now_s: float,
         bounds: SensorBounds | None,
     ) -> Rejection | None:
-        """Accept a range, a ray or a range difference, or return why not."""
+        """Accept a range, a ray or a range difference, or return its rejection."""
         with self._counted(key) as refused:
             self._admission.check_link(key)
             stamp = self._admission.checked_stamp(stamp_s, now_s)

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The interface of the package: measurements in, snapshots and estimates out."""
+"""The interface of the package: it takes measurements and returns snapshots and estimates."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ LIMITS = frozenset(
         *('max_conflict_solves', 'max_conflict_seconds'),
     }
 )
-"""Settings that say how much is asked and computed, not what a measurement means."""
+"""Settings that limit the work and the answer, and do not change any reading."""
 
 
 class Localizer(MeasurementIntake):
     """
     Every placement of a fleet that agrees with its measurements.
 
-    Adding measurements, taking snapshots and `reset` change or read the same store: call them
-    from one thread. `estimate` reads nothing but its snapshot and what is kept of the last one,
-    and may run in others. What it leaves to the next one is kept when it ends, unless that of a
-    later snapshot has begun, or a `reset` came after its own: so one that hangs can be given up.
+    Adding measurements, taking snapshots and `reset` use the same store: call them from one
+    thread. `estimate` reads only its snapshot and the state left by the last estimate, and may run
+    in another thread. Its own state is kept when it ends, unless the estimate of a later snapshot
+    has begun or `reset` was called after its snapshot. So an estimate that hangs can be abandoned.
 
-    After the clock was set back call `reset`: what was measured before is of another time, which
-    stamps do not tell.
+    Call `reset` after the clock was set back: stamps do not show that earlier measurements belong
+    to another time.
 
     Parameters
     ----------
@@ -63,10 +63,10 @@ class Localizer(MeasurementIntake):
         self._bodies = anchor_geometry(config), mount_geometry(config)
         self._lock = Lock()
         self._follower = Follower()
-        # That of the estimate that began last, which may still run.
+        # The follower of the estimate that began last and may still run.
         self._newest = self._follower
         self._snapshots = 0
-        # What the estimates of snapshots before this one find counts no more.
+        # Results of estimates of snapshots before this number are ignored.
         self._first = 0
         self._answered_s = -math.inf
 
@@ -78,15 +78,15 @@ class Localizer(MeasurementIntake):
     @default_environment()
     def configure(self, config: FleetConfig) -> bool:
         """
-        Go on with other settings.
+        Change the settings.
 
-        What was measured is kept where limits differ only. It is forgotten where bounds do, which
-        it was made with.
+        Measurements are kept if only limits differ. They are forgotten otherwise, since readings
+        depend on the other settings.
 
         Parameters
         ----------
         config : FleetConfig
-            With the same robots, dimension, anchors and mounts.
+            Settings with the same robots, dimension, anchors and mounts.
 
         Returns
         -------
@@ -114,11 +114,11 @@ class Localizer(MeasurementIntake):
 
     def answer_time(self, now_s: float) -> float:
         """
-        Return the time that an answer is best given for: now, or a little before.
+        Return the best time for an answer: now, or a little before.
 
-        After its last odometry a robot is bounded by speed and turn rate alone, which blurs all
-        that is remembered. So the answer is for the latest time that all odometry covers. Robots
-        without odometry of the last `MOST_BEFORE_S` do not count.
+        After its last odometry a robot is bounded by speed and turn rate alone, which widens all
+        carried readings. So the answer is for the latest time that all odometry covers. Robots
+        without odometry in the last `MOST_BEFORE_S` do not count.
 
         Parameters
         ----------
@@ -127,7 +127,7 @@ class Localizer(MeasurementIntake):
         Returns
         -------
         float
-            Not before that of an earlier call, as long as time does not go back.
+            A time not before the result of an earlier call, unless time goes back.
 
         """
         if self._config.memory_s > 0.0:
@@ -141,14 +141,14 @@ class Localizer(MeasurementIntake):
     @default_environment()
     def snapshot(self, now_s: float, tighten_seconds: float = math.inf) -> Snapshot:
         """
-        Return what the measurements say at a time; later ones do not change it.
+        Return a snapshot of the measurements at a time; later measurements do not change it.
 
         Parameters
         ----------
         now_s : float
         tighten_seconds : float, optional
-            As of the options of the solver, for the estimate of this snapshot; the smaller one
-            counts. A caller in a hurry gets wider bounds.
+            Limit of `SolverOptions.tighten_seconds` for the estimate of this snapshot; the smaller
+            value counts. A shorter time gives wider bounds.
 
         Returns
         -------
@@ -178,7 +178,7 @@ class Localizer(MeasurementIntake):
         ----------
         snapshot : Snapshot
         cancel : object with ``is_set()``, optional
-            Stops the search when set; what was not examined is part of the answer.
+            Stops the search when set; boxes that were not examined stay in the answer.
 
         Returns
         -------
@@ -203,7 +203,7 @@ class Localizer(MeasurementIntake):
             follower.earlier,
         )
         if estimate.conflicts:
-            # What contradicts itself now must not cut, or put in doubt, what is remembered.
+            # Readings of now that contradict each other must not change sets or doubts.
             follower.earlier = self._follower.earlier.copied()
         follower.forget(snapshot, estimate)
         if cancel is None or not cancel.is_set():
@@ -214,7 +214,7 @@ class Localizer(MeasurementIntake):
         return estimate
 
     def _begun(self, snapshot: Snapshot) -> Follower:
-        """Return what the estimate of a snapshot goes on from, for it alone."""
+        """Return a copy of the follower for the estimate of a snapshot."""
         with self._lock:
             if snapshot.number < self._first:
                 return self._follower.started_anew()

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The measurements that have arrived: checked, counted, and kept while they are young.
+The store of measurements: each is checked, counted, and kept while it is young.
 
 A measurement that cannot be used never raises an exception: it becomes a `Rejection`, counted by
 reason on its input.
@@ -54,20 +54,20 @@ from dg_localization.fleet.window.memory import MOST_OBSERVATIONS, Memory
 from dg_localization.interval.bounds import sum_down, sum_up
 
 CLOCK_STEP_S = 0.005
-"""A `stamp_error_s` that stamps refute is replaced by the next multiple of this."""
+"""A `stamp_error_s` that stamps refute is raised to the next multiple of this."""
 
 SILENT_S = 0.25
-"""Odometry that is older than this is called silent."""
+"""Older odometry is called silent."""
 
 LISTED = 5
-"""How many inputs a sentence names."""
+"""Most inputs that a sentence names."""
 
 _STAMP_S = attrgetter('stamp_s')
 
 
 @dataclass
 class _Input:
-    """What has arrived on one input: the newest readings, oldest first, and the counts."""
+    """The state of one input: its newest readings, oldest first, and its counts."""
 
     readings: list[DistanceReading | RayReading] = field(default_factory=list)
     newest_stamp_s: float = -math.inf
@@ -78,20 +78,20 @@ class _Input:
     out_of_plane: bool = False
 
     def count_accepted(self, stamp_s: float, now_s: float) -> None:
-        """Count an accepted measurement, and how far its stamp is ahead of its arrival."""
+        """Count an accepted measurement, and record how far its stamp is ahead of its arrival."""
         self.accepted += 1
         self.newest_stamp_s = max(self.newest_stamp_s, stamp_s)
         self.ahead_s = max(self.ahead_s, stamp_s - now_s)
 
     def keep(self, reading: DistanceReading | RayReading, most: int, answered_s: float) -> None:
         """
-        Add a reading and forget all but the newest `most` of those up to a time, and later ones.
+        Add a reading; keep the newest `most` readings up to a time, and the later readings.
 
-        Later ones must not push out what an answer for that time needs.
+        Later readings must not displace those that an answer for that time needs.
         """
         insort(self.readings, reading, key=_STAMP_S)
         n_before = bisect_right(self.readings, answered_s, key=_STAMP_S)
-        # While a clock stands still there is no end of them.
+        # Their number is limited, since it would grow while a clock stands still.
         n_later = len(self.readings) - n_before
         del self.readings[: max(0, n_before - most, n_later - MOST_OBSERVATIONS)]
 
@@ -107,7 +107,7 @@ class MeasurementStore:
     Attributes
     ----------
     memory : Memory
-        What ranges and bearings said lately.
+        Recent ranges and bearings.
 
     """
 
@@ -115,7 +115,7 @@ class MeasurementStore:
         self._forget_all(config)
 
     def _forget_all(self, config: FleetConfig) -> None:
-        """Begin with no measurements."""
+        """Start without measurements."""
         self._set_limits(config)
         self._inputs: dict[LinkKey, _Input] = {}
         self._tracks: dict[str, OdometryTrack] = {}
@@ -125,7 +125,7 @@ class MeasurementStore:
         self.memory = Memory(config)
 
     def _set_limits(self, config: FleetConfig) -> None:
-        """Take over settings that change nothing of what was measured."""
+        """Adopt settings that change no stored reading."""
         self._config = self._clock_config = config
         self._admission = Admission(config)
 
@@ -137,7 +137,7 @@ class MeasurementStore:
         now_s: float,
         bounds: SensorBounds,
     ) -> None:
-        """Accept what was measured, of a link and a stamp that were checked."""
+        """Accept a measurement whose link and stamp were checked."""
         reading: DistanceReading | RayReading
         if key.reference:
             reading = self._difference_reading(key, value, stamp_s, bounds.range_difference_error)
@@ -158,7 +158,7 @@ class MeasurementStore:
         now_s: float,
         model: RangeErrorModel,
     ) -> DistanceReading:
-        """Return what a range says."""
+        """Return the reading of a range."""
         bounds = interpret_range(model, message)
         reading_m = required_number(message.range_m, 'range')
         self._check_stuck(key, (reading_m,), stamp_s)
@@ -172,7 +172,7 @@ class MeasurementStore:
     def _difference_reading(
         self, key: LinkKey, difference_m: object, stamp_s: float, error: DifferenceErrorModel
     ) -> DistanceReading:
-        """Return what a range difference says."""
+        """Return the reading of a range difference."""
         reading_m = finite_number(difference_m)
         if reading_m is None:
             text = f'range difference {quoted(difference_m)} must be a finite number of meters'
@@ -189,7 +189,7 @@ class MeasurementStore:
         now_s: float,
         bounds: SensorBounds,
     ) -> RayReading:
-        """Return what a ray says."""
+        """Return the reading of a ray."""
         config = self._config
         ray = in_body_frame(config.sensors.get(key.observer), ray_xyz)
         direction = interpret_ray(ray, config.dimension)
@@ -211,9 +211,9 @@ class MeasurementStore:
     @contextmanager
     def _counted(self, key: LinkKey, *, again: bool = False) -> Iterator[dict[LinkKey, Rejection]]:
         """
-        Count a measurement that is refused on its input, and put the rejection into the dict.
+        Count a refused measurement on its input, and put the rejection into the dict.
 
-        With `again` it is raised again, for another input that it came with.
+        With `again`, the refusal is raised again for the enclosing input.
         """
         refused: dict[LinkKey, Rejection] = {}
         try:
@@ -226,7 +226,7 @@ class MeasurementStore:
                 raise
 
     def young_readings(self, now_s: float) -> dict[LinkKey, list[DistanceReading | RayReading]]:
-        """Return what counts at `now_s` of every range and bearing, in the order of the keys."""
+        """Return the readings that count at `now_s` by link, in the order of the keys."""
         config = self._config
 
         def young(source: _Input) -> list[DistanceReading | RayReading]:
@@ -240,7 +240,7 @@ class MeasurementStore:
         }
 
     def newest_stamp_s(self, key: LinkKey) -> float:
-        """Return the stamp of the newest measurement of an input; -inf when there is none."""
+        """Return the stamp of the newest measurement of an input; -inf if there is none."""
         return self._inputs[key].newest_stamp_s
 
     def odometry_readings(self) -> dict[str, tuple[OdometrySample, ...]]:
@@ -252,7 +252,7 @@ class MeasurementStore:
         return [track.newest.stamp_s for track in self._tracks.values()]
 
     def input_states(self, now_s: float) -> list[InputState]:
-        """Return what every input has delivered, in the order of the keys."""
+        """Return the state of every input, in the order of the keys."""
         return [
             InputState(
                 key=key,
@@ -269,7 +269,7 @@ class MeasurementStore:
         ]
 
     def _warnings(self, key: LinkKey, source: _Input) -> Iterator[str]:
-        """Yield what an input shows to be wrong with its settings, or with itself."""
+        """Yield warnings about the settings or the readings of an input."""
         if key.kind is LinkKind.ODOMETRY and (frozen := self._frozen.sentence(key.observer)):
             yield frozen
         if self._is_ahead(source):
@@ -284,7 +284,7 @@ class MeasurementStore:
             )
 
     def warnings(self, now_s: float) -> Iterator[str]:
-        """Yield what the inputs show to be wrong, a sentence on each kind."""
+        """Yield one sentence for each kind of warning about the inputs."""
         ahead = [key for key, source in self._inputs.items() if self._is_ahead(source)]
         if ahead:
             most_s = max(self._inputs[key].ahead_s for key in ahead)
@@ -316,14 +316,14 @@ class MeasurementStore:
         return self._clock_config
 
     def _restart(self, key: LinkKey, now_s: float) -> str:
-        """Return why odometry has started anew within `max_age_s`; empty if it has not."""
+        """Return why odometry restarted within `max_age_s`; empty if it did not."""
         track = self._tracks.get(key.observer) if key.kind is LinkKind.ODOMETRY else None
         if track is None or not is_young(self._config, track.newest.restarted_s, now_s):
             return ''
         return track.restart
 
     def _input(self, key: LinkKey) -> _Input:
-        """Return the input of that name, made on first use."""
+        """Return the input of a key, made on first use."""
         source = self._inputs.get(key)
         if source is None:
             source = self._inputs[key] = _Input()
@@ -336,20 +336,20 @@ class MeasurementStore:
         return self._tracks[robot]
 
     def _newest_poses(self, key: LinkKey) -> dict[str, OdometrySample]:
-        """Return the newest odometry of those of the robots at a link that can move."""
+        """Return the newest odometry of the robots at the ends of a link that can move."""
         if not self._tracks:
             return {}
         robots = [robot for robot in self._stuck.movable(key) if robot in self._tracks]
         return {robot: self._tracks[robot].newest for robot in robots}
 
     def _check_stuck(self, key: LinkKey, value: tuple[float, ...], stamp_s: float) -> None:
-        """Note a reading; refuse it when it is stuck and such readings are dropped."""
+        """Record a reading; refuse it if it is stuck and stuck readings are dropped."""
         self._stuck.add(key, value, stamp_s, self._newest_poses(key))
         if self._config.drop_stuck and (sentence := self._stuck.sentence(key)):
             raise RefusedError(RejectionReason.STUCK, sentence)
 
 
 def _listed(keys: Sequence[LinkKey]) -> str:
-    """Return the names of inputs, and how many more there are."""
+    """Return the names of the first inputs, and the number of the others."""
     more = f' and {len(keys) - LISTED} more' if len(keys) > LISTED else ''
     return ', '.join(str(key) for key in keys[:LISTED]) + more

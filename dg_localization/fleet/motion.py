@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""How far a robot can have moved and turned between two times: speed limits and odometry."""
+"""Bounds of the motion of a robot between two times, by speed limits and odometry."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from dg_localization.interval.bounds import elapsed_up, product_up, sum_up
 from dg_localization.interval.rounding import rounding_error, step_up
 
 ROUNDING = 1.0 + 1e-9
-"""A robot at its limits is not a restart of its odometry."""
+"""Margin for rounding, so that a robot at its limits does not count as a restart."""
 
 ZERO_M, ZERO_RAD = 0.05, 0.05
-"""A driver that starts again reports a pose at most this far from zero at first."""
+"""A restarted driver reports a first pose at most this far from zero."""
 
 PAUSE, PERIODS = 1.5, 9
 """A pause is longer than `PAUSE` times the median of the last `PERIODS` times between messages."""
@@ -37,7 +37,7 @@ NOT_TURNED = np.eye(3)
 NOT_TURNED.flags.writeable = False
 
 ROUNDED = 12
-"""Coordinates of two positions that are rounded: when they are reported, and when scaled."""
+"""Rounding operations in two positions: each coordinate is rounded when reported and scaled."""
 
 
 class OdometryTrack:
@@ -48,7 +48,7 @@ class OdometryTrack:
         self._max_turn_rate_rad_s = config.max_turn_rate_rad_s
         self._error = config.odometry_error_of(robot)
         self._keep_s = max(config.max_age_s, config.memory_s) + config.max_future_s
-        # The turns of a body that pitches are more than those of its heading.
+        # A body that pitches turns by more than its heading.
         self._in_plane = config.dimension == 2
         self._readings: list[OdometrySample] = []
         self._restarted_s = 0.0
@@ -56,12 +56,12 @@ class OdometryTrack:
 
     @property
     def restart(self) -> str:
-        """A sentence on why the odometry last started anew; empty where it never did."""
+        """A sentence on why the odometry last restarted; empty if it never did."""
         return self._restart
 
     @property
     def readings(self) -> tuple[OdometrySample, ...]:
-        """The readings that are kept."""
+        """The stored readings."""
         return tuple(self._readings)
 
     @property
@@ -73,9 +73,9 @@ class OdometryTrack:
         """
         Add a reading, which must be newer than the last one.
 
-        A step or a turn that is faster than the robot can be is a restart of the odometry, and so
-        is another frame. It says nothing of the motion to it, which the limits of the robot bound.
-        Where they do not, the older readings are forgotten.
+        A step or turn beyond the limits of the robot is a restart of the odometry, and so is a new
+        frame name. Only the limits of the robot bound its motion across a restart. If there are
+        no limits, the older readings are forgotten.
         """
         way_m, turned_rad = reading.way_m, reading.turned_rad
         if self._readings:
@@ -83,7 +83,7 @@ class OdometryTrack:
             step_m = _distance_up_m(reading.position_m, last.position_m)
             turn_rad = self._turn_up_rad(last.rotation, reading.rotation)
             elapsed_s = elapsed_up(reading.stamp_s, last.stamp_s)
-            # Far from the origin, the rounding of what was reported may look like a faster step.
+            # Far from the origin, rounding of reported positions may look like a faster step.
             least_m = max(0.0, step_m - _rounding_up_m(reading.position_m, last.position_m))
             restart, unknown_m, unknown_rad = '', 0.0, 0.0
             if reading.frame != last.frame:
@@ -96,7 +96,7 @@ class OdometryTrack:
             elif self._is_back_at_zero(last, reading):
                 restart = f'it is back at its origin after {elapsed_s:.3f} s without a message'
             elif self._is_too_fast(least_m, turn_rad, elapsed_s):
-                # The limits may be wrong, and not the step.
+                # The limits may be wrong instead of the step.
                 unknown_m, unknown_rad = step_m, turn_rad
                 restart = (
                     f'{step_m:.3f} m and {turn_rad:.3f} rad in {elapsed_s:.3f} s are more than '
@@ -110,7 +110,7 @@ class OdometryTrack:
                 turn_rad = sum_up(turn_rad, 2.0 * self._error.constant_rad)
             elif reading.stamp_s - last.stamp_s > self._error.max_gap_s:
                 step_m, turn_rad = self._longest(step_m, turn_rad, elapsed_s)
-            # In space limits do not bound how the heading of a steep body turns.
+            # In space, limits do not bound the heading of a steeply pitched body.
             if restart and not (self._in_plane and step_m < math.inf and turn_rad < math.pi):
                 self._readings.clear()
             else:
@@ -122,10 +122,10 @@ class OdometryTrack:
 
     def _is_back_at_zero(self, last: OdometrySample, reading: OdometrySample) -> bool:
         """
-        Return whether a driver seems to have started again at zero.
+        Return whether a driver seems to have restarted at zero.
 
-        That is a pose near the identity after a pause, where the pose before was not near it. To
-        forget a robot that truly came back during a pause loses no truth.
+        The sign is a pose near the identity after a pause, with the pose before not near it. If
+        the robot truly came back during the pause, forgetting its odometry is still sound.
         """
         if _is_near_zero(last) or not _is_near_zero(reading):
             return False
@@ -147,7 +147,7 @@ class OdometryTrack:
         return step_m > farthest_m * ROUNDING or turn_rad > angle_up(farthest_rad * ROUNDING)
 
     def _longest(self, step_m: float, turn_rad: float, elapsed_s: float) -> tuple[float, float]:
-        """Return how far it may have gone and turned between readings where some are missing."""
+        """Return bounds of way and turn between two readings, wider if readings are missing."""
         longest_s = sum_up(elapsed_s, 2.0 * self._error.latency_s)
         by_speed_m = product_up(self._max_speed_m_s, longest_s)
         by_rate_rad = product_up(self._max_turn_rate_rad_s, longest_s)
@@ -160,7 +160,7 @@ class OdometryTrack:
 
 
 def _is_near_zero(reading: OdometrySample) -> bool:
-    """Return whether a pose is that of a driver that has just started."""
+    """Return whether a pose is near zero, as of a driver that has just started."""
     far_m = float(np.linalg.norm(reading.position_in_frame_m))
     return far_m <= ZERO_M and rotation_angle_rad(reading.rotation) <= ZERO_RAD
 
@@ -168,13 +168,13 @@ def _is_near_zero(reading: OdometrySample) -> bool:
 @dataclass(frozen=True)
 class Motion:
     """
-    Bounds of how far every point can have moved and turned between two times.
+    Bounds of the motion and rotation of every point between two times.
 
     Parameters
     ----------
     config : FleetConfig
     odometry : mapping of str to tuple of OdometrySample
-        By robot, oldest first.
+        The odometry of each robot, oldest first.
 
     """
 
@@ -187,7 +187,7 @@ class Motion:
         return most_between(speed_m_s, first_s, second_s, self.config.between_stamps_s)
 
     def displacement_m(self, point: str, first_s: float, second_s: float) -> float:
-        """Return an upper bound of how far `point` moved between two times."""
+        """Return an upper bound of the displacement of `point` between two times."""
         by_speed_m = self.by_speed_m(point, first_s, second_s)
         robot = self.config.robot_of(point)
         track = self.odometry.get(robot)
@@ -197,7 +197,7 @@ class Motion:
         start, end = _nearest(track, first_s), _nearest(track, second_s)
         way_m, turned_rad = way_between(start, end)
         error_m = greatest_errors(error, way_m, turned_rad)[0]
-        # An error of a turn swings what lies before it, and makes no way longer.
+        # An error of a turn swings the earlier path and lengthens no step.
         swing_rad = sum_up(
             product_up(error.rotation_per_m, way_m),
             product_up(error.rotation_per_rad, turned_rad),
@@ -216,10 +216,10 @@ class Motion:
 
     def turn(self, point: str, first_s: float, second_s: float) -> tuple[np.ndarray, float]:
         """
-        Return how `point` turned between two times, and the greatest angle by which that is wrong.
+        Return the rotation of `point` between two times, and a bound of its error as an angle.
 
-        The rotation takes a fixed direction from body coordinates at the first time to those at
-        the second.
+        The rotation takes a fixed direction from body coordinates at the first time to body
+        coordinates at the second.
         """
         config, robot = self.config, self.config.robot_of(point)
         rate_rad_s = config.max_turn_rate_rad_s
@@ -252,10 +252,10 @@ class Motion:
         return angle_up(sum_up(angle_up(rotation_angle_rad(rotation)), half_width_rad))
 
 
-# What a robot measured at one time is asked for all that it measured.
+# Cached, since all readings of a robot at one time ask for the same value.
 @lru_cache(maxsize=4096)
 def most_between(rate: float, first_s: float, second_s: float, more_s: float) -> float:
-    """Return an upper bound of what a rate adds up to between two stamps."""
+    """Return an upper bound of the integral of a rate between two stamps."""
     elapsed_s = elapsed_up(first_s, second_s)
     return product_up(rate, sum_up(elapsed_s, more_s) if more_s else elapsed_s)
 
@@ -279,7 +279,7 @@ def greatest_errors(
 
 
 def _rounding_up_m(first_m: np.ndarray, second_m: np.ndarray) -> float:
-    """Return an upper bound of how far the rounding of two positions changes their distance."""
+    """Return an upper bound of the change of a distance by the rounding of its two positions."""
     return rounding_error(max(map(abs, (*first_m.tolist(), *second_m.tolist()))), ROUNDED)
 
 
@@ -290,7 +290,7 @@ def _beyond_up_s(
     first_s: float,
     second_s: float,
 ) -> float:
-    """Return for how long the motion between two times is not that between two readings."""
+    """Return an upper bound of the time between two times and the true times of two readings."""
     return sum_up(
         elapsed_up(start.stamp_s, first_s),
         elapsed_up(end.stamp_s, second_s),

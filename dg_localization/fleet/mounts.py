@@ -2,12 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Robots as bodies: their sensors are points, and their own distances and directions are known.
+Robots as bodies: their sensors are points with known mutual distances and directions.
 
-What one sensor of a robot sees of another, were it to look there, is known from where both are
-mounted. Such a ray is never measured, never ages and is never wrong beyond the bounds of the
-mounts. With it a measured ray becomes an angle at the sensor, a chirality follows wherever it is
-certain, and a heading follows from the places of two sensors.
+The ray from one sensor of a robot to another follows from their mounts. It is not measured, does
+not age, and is exact within the bounds of the mounts. Together with it, a measured ray gives an
+angle at the sensor and, where certain, a chirality; the places of two sensors give a heading.
 """
 
 from __future__ import annotations
@@ -38,15 +37,15 @@ class MountGeometry:
     Parameters
     ----------
     members : mapping of str to tuple of str
-        The points of each robot that has sensors: itself, then these.
+        The points of each robot with sensors: the robot itself, then its sensors.
     distances : tuple of (str, str, float, float)
         All pairs of points of one robot with bounds of their squared distance in m^2.
     rays : mapping of str to tuple of RayReading
-        For each of these points the directions to the others, in the body frame.
+        For each of these points, the directions to the others of its robot, in the body frame.
     arms_m : mapping of str to numpy.ndarray, shape (3,)
-        The places of the sensors in the body frame.
+        The lever arms of the sensors in the body frame.
     reach_m : mapping of str to float
-        How far each sensor is from the origin of its robot at most.
+        Bound of the distance of each sensor from the origin of its robot.
 
     """
 
@@ -61,7 +60,7 @@ NO_MOUNTS = MountGeometry({}, (), {}, {}, {})
 
 
 def mount_geometry(config: FleetConfig) -> MountGeometry:
-    """Return what the places of the sensors say."""
+    """Return the geometry of the sensors from their places."""
     origin = Mount((0.0,) * config.dimension)
     members = {
         robot: (robot, *(f'{robot}/{name}' for name in sensors))
@@ -96,7 +95,7 @@ def mount_geometry(config: FleetConfig) -> MountGeometry:
 
 
 def places_on_body(config: FleetConfig, points: Sequence[str]) -> Interval:
-    """Return where points are in the body frames of their robots."""
+    """Return the places of points in the body frames of their robots."""
     origin = Mount((0.0,) * config.dimension)
     mounts = [config.sensors.get(point, origin) for point in points]
     places_m = np.array([_in_space(mount.position_m) for mount in mounts]).reshape(-1, 3)
@@ -109,11 +108,11 @@ Sight: TypeAlias = tuple[str, Interval, tuple[float, float], ArrayLike, float]
 """A point, the place (q,) of another, bounds of their distance, a ray, and its error in rad."""
 
 AHEAD = (1.0, 0.0, 0.0)
-"""In place of a ray that was not measured."""
+"""A placeholder for a ray that was not measured."""
 
 
 def readings_of(config: FleetConfig, sights: Sequence[Sight]) -> PairReadings:
-    """Return what points of one robot in the plane measure of places."""
+    """Return the readings from points of one robot to places in the plane."""
     points, places, bounds_m, rays, errors_rad = zip(*sights, strict=True)
     there, flat = Interval.stack([*places], axis=0), ((0, 0), (0, 1))
     return PairReadings.of(
@@ -129,11 +128,11 @@ def readings_of(config: FleetConfig, sights: Sequence[Sight]) -> PairReadings:
 def _ray(
     ends: tuple[str, str], mounts: tuple[Mount, Mount], s_lower_m2: float
 ) -> RayReading | None:
-    """Return the direction from one sensor to another; None where the bounds leave any."""
+    """Return the direction from one sensor to another; None if it is unbounded."""
     observer, target = mounts
     line_m = _in_space(target.position_m) - _in_space(observer.position_m)
     bound_m = sum_up(observer.bound_m, target.bound_m)
-    # The line between the places without errors is longer than the least distance with them.
+    # The line between the nominal places is longer than the least distance with errors.
     d_lower_m = sqrt_down(s_lower_m2)
     if not 0.0 <= bound_m < d_lower_m:
         return None

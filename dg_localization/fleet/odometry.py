@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Odometry as bounded motion: where a robot was at past times, seen from where it is now.
+Odometry as bounded motion: past poses of a robot relative to its pose now.
 
 Step i of a track errs by a_i in m and by b_i in rad at most. Seen from now, an error of the turn
-at step i swings whatever lies before that step: a past position moves by b_i |S_i| at most, across
-S_i, the way from it to the end of step i. So heading error becomes position error by the distance
-to where it arose, and not by the length of the way. Summation by parts makes that exact: with r_i
-the steps and E_i the error of the turn from step i to now,
+at step i swings all earlier positions: a past position moves by b_i |S_i| at most, at right angles
+to S_i, the vector from it to the end of step i. So heading error grows into position error with
+the distance to where it arose, not with the length of the path. Summation by parts makes that
+exact: with r_i the steps and E_i the error of the turn from step i to now,
 
     sum R(E_i) r_i  =  sum r_i  +  sum (R(E_i) - R(E_i+1)) S_i.
 """
@@ -34,12 +34,12 @@ from dg_localization.poses import PastPoses
 from dg_localization.poses.turns import turned
 
 ROUNDED = 16
-"""Operations that move a sample to where the track before a restart ends."""
+"""Floating-point operations that move a sample to the end of the track before a restart."""
 
 
 @dataclass(frozen=True)
 class MotionLimits:
-    """Greatest speed and turn rate of a robot: they bound what lies between and after samples."""
+    """Greatest speed and turn rate of a robot: they bound its motion between and after samples."""
 
     speed_m_s: float = math.inf
     turn_rate_rad_s: float = math.inf
@@ -47,10 +47,10 @@ class MotionLimits:
 
 class TrackStep(NamedTuple):
     """
-    Where a track is at one sample, seen from an earlier one, or where its robot is, seen from it.
+    The pose of a track relative to an earlier sample of it, or of its robot relative to the track.
 
-    The pose, one, has the errors of the turns; those of the ways put it no farther off than the
-    ball, in any direction.
+    The single pose includes the errors of the turns. The errors of translation are in the ball:
+    they move the pose by at most its radius, in any direction.
     """
 
     pose: PastPoses
@@ -59,7 +59,7 @@ class TrackStep(NamedTuple):
 
 @dataclass(frozen=True)
 class _Nearest:
-    """The samples nearest to some times, and how far the robot may have been from them."""
+    """The samples nearest to some times, and bounds of the distance of the robot from them."""
 
     index: np.ndarray
     offset_m: np.ndarray
@@ -72,10 +72,10 @@ class OdometryPath:
     """
     The path of one robot through its odometry samples.
 
-    Between samples the robot is taken to be, constant errors apart, no farther from either than
-    they truly are from each other, or than its limits allow. Before the first, after the last and
-    where samples are missing only its limits bound its motion. Without limits the robot is at a
-    sample when the time is the same number.
+    Between two samples, apart from constant errors, the robot is assumed to be no farther from
+    either than their true distance, or than its limits allow. Before the first sample, after the
+    last one and where samples are missing, only its limits bound its motion. Without limits the
+    robot is at a sample if the time is the same number.
 
     Parameters
     ----------
@@ -90,8 +90,8 @@ class OdometryPath:
     dimension : {2, 3}, optional
         In the plane roll, pitch and their errors do not count; heights are part of the way.
     restarts : mapping of int to (float, float), optional
-        In the plane, the samples from which on positions and headings are those of another frame,
-        and bounds of the motion from the sample before, in m and in rad.
+        In the plane, the samples at which positions and headings change to another frame, with
+        bounds of the motion from the sample before, in m and in rad.
 
     Raises
     ------
@@ -131,16 +131,16 @@ class OdometryPath:
         self._tilt_rad = 0.0 if self._level else error.least_tilt_rad
         if self._level:
             self._rotations = rotations_about_z(self._yaws_rad)
-        # Errors in m and in rad, and where samples are missing.
+        # Errors in m and in rad, and whether samples are missing.
         self._steps = self._steps_between(steps_s > error.max_gap_s)
 
     def past_poses(self, times_s: ArrayLike, now_s: float, *, on_track: bool = False) -> PastPoses:
         """
-        Return where the level frame of the robot was at past times, seen from that of now.
+        Return the level frames of the robot at past times, relative to its level frame now.
 
-        With `on_track` they are seen from the pose that its track has now: the constant errors of
-        now are the same for all times, and what is found from all of them together has to be
-        widened by these once only (`off_track`).
+        With `on_track` they are relative to the pose of the track now: the constant errors of now
+        are equal for all times, so a result from all of them is widened by these errors only once
+        (`off_track`).
 
         Parameters
         ----------
@@ -151,7 +151,7 @@ class OdometryPath:
         Returns
         -------
         PastPoses
-            Not bounded where neither samples nor limits bound the motion.
+            Unbounded if neither samples nor limits bound the motion.
 
         Raises
         ------
@@ -171,7 +171,7 @@ class OdometryPath:
             return PastPoses(position, yaw + Interval(-then_rad, then_rad))
         now_m, now_rad = self._off_track(now)
         yaw_now = Interval(-now_rad, now_rad)
-        # Any two headings differ by the constant error at most: that of now holds both.
+        # Any two headings differ by the constant error at most: the one of now covers both.
         yaw = yaw + Interval(-then.offset_rad, then.offset_rad) - yaw_now
         return PastPoses(turned(-yaw_now, position + self._ball(now_m)), yaw)
 
@@ -182,12 +182,12 @@ class OdometryPath:
 
     @property
     def poses(self) -> np.ndarray:
-        """x, y and yaw of the samples, shape (n, 3); those after a restart go on from before."""
+        """x, y and yaw of the samples, shape (n, 3), continued across restarts."""
         return np.column_stack([self._positions_m[:, :2], self._yaws_rad])
 
     @property
     def is_known(self) -> np.ndarray:
-        """Whether samples tell the motion of every step, shape (n - 1,); limits do of others."""
+        """Whether samples bound the motion of each step, shape (n - 1,), not the limits alone."""
         return np.asarray(self._steps[2] == 0.0)
 
     def sample_s(self, time_s: float) -> float:
@@ -196,21 +196,21 @@ class OdometryPath:
 
     def track_step(self, first_s: float, last_s: float) -> TrackStep:
         """
-        Return where the track is at the sample nearest to a time, seen from that of another.
+        Return the pose of the track at the sample nearest to `last_s`, relative to `first_s`.
 
-        The second is not earlier. The pose at `last_s` is seen from that at `first_s`.
+        The last time is not earlier than the first.
         """
         return self._walk_ahead(self._index_at(first_s), self._index_at(last_s))
 
     def off_track(self, now_s: float) -> TrackStep:
-        """Return where the robot is, seen from the pose that its track has now."""
+        """Return the pose of the robot relative to the pose of its track now."""
         now = self._nearest(np.array([now_s]))
         end_m, end_rad = self._off_track(now)
         yaw = Interval(-end_rad, end_rad)
         return TrackStep(PastPoses(PastPoses.at_rest(1).position_m, yaw), float(end_m[0]))
 
     def track_back(self, first_s: float, last_s: float) -> PastPoses:
-        """Return the pose of `track_step` the other way round: the first seen from the last."""
+        """Return the inverse of `track_step`: the first pose relative to the last."""
         first, last = self._index_at(first_s), self._index_at(last_s)
         return PastPoses(*self._walk_back(np.array([first]), last))
 
@@ -218,7 +218,7 @@ class OdometryPath:
         """
         Return points of the body in its level frames at some times, shape (m, 3).
 
-        Points are in the body frame; those of a sensor come with the bound of its place.
+        Points are in the body frame; boxes of sensors include the bounds of their places.
         """
         tilts, errors_rad = self.tilts(times_s)
         columns = [Interval.point(tilts[:, :, k]) * points_m[:, k][:, None] for k in range(3)]
@@ -234,15 +234,15 @@ class OdometryPath:
         """
         Return rays of the body in its level frames at some times, and their errors.
 
-        `directions`, shape (m, 3), are in the body frame, and the errors are the greatest angles
-        to the true ones.
+        `directions`, shape (m, 3), are in the body frame; errors are the greatest angles to the
+        true directions.
         """
         tilts, tilt_errors_rad = self.tilts(times_s)
         leveled = np.einsum('mij,mj->mi', tilts, np.asarray(directions, dtype=float))
         return leveled, angle_up(up(np.asarray(errors_rad, dtype=float) + tilt_errors_rad))
 
     def _join_at_restarts(self) -> None:
-        """Put what follows a restart of the odometry where the sample before it is."""
+        """Move the samples after each restart of the odometry to the sample before it."""
         for first in self._restarts:
             turn_rad = self._yaws_rad[first - 1] - self._yaws_rad[first]
             turned_m = self._positions_m[first:] - self._positions_m[first]
@@ -252,24 +252,24 @@ class OdometryPath:
             self._yaws_rad[first:] = np.arctan2(np.sin(yaws_rad), np.cos(yaws_rad))
 
     def _steps_between(self, missing: np.ndarray) -> np.ndarray:
-        """Return the greatest errors of every step, and where samples are missing."""
+        """Return the greatest errors of every step, and whether samples are missing."""
         ends = Interval.point(self._positions_m)
         squares = (ends[1:] - ends[:-1]).square()
         lengths = (squares[:, 0] + squares[:, 1] + squares[:, 2]).sqrt().upper
         angles = np.empty(len(lengths))
         step_angles(self._rotations, angles)
         angles = np.where(angles > 0.0, angle_up(angles), 0.0)
-        # Where samples are missing the way may be a longer one.
+        # If samples are missing, the path may be longer.
         steps_s = elapsed_up(self._stamps_s[:-1], self._stamps_s[1:])
         missing_s = np.where(missing, up(steps_s + 2.0 * self._error.latency_s), 0.0)
         lengths = np.maximum(lengths, most_up(self._limits.speed_m_s, missing_s))
         angles = np.maximum(angles, most_up(self._limits.turn_rate_rad_s, missing_s))
         errors_m, errors_rad = step_errors(self._error, lengths, angles)
-        # What is driven after an error of a turn is swung by it, here within the step as well.
+        # An error of a turn swings the path after it, here also within the step.
         swings_m = most_up(np.where(missing, np.minimum(errors_rad, 2.0), 0.0), lengths)
         errors_m = up(errors_m + swings_m)
         if count := len(self._restarts):
-            # Samples after a restart were moved, by twice the size at most each time, and rounded.
+            # Each restart moved the samples after it by twice the size at most, with rounding.
             size_m = (2.0 * count + 1.0) * self._size_m
             errors_m = up(errors_m + rounding_error(size_m, ROUNDED * count))
             errors_rad = up(errors_rad + rounding_error(math.pi, ROUNDED * count))
@@ -308,23 +308,23 @@ class OdometryPath:
         return _Nearest(index, offsets[0], offsets[1], offsets[2], steep)
 
     def _off_track(self, near: _Nearest) -> tuple[np.ndarray, np.ndarray]:
-        """Return how far the robot is from its track at some times at most, in m and rad."""
-        # A track whose headings alone are turned is none: their errors have no middle.
+        """Return bounds of the offset of the robot from its track at times, in m and rad."""
+        # Headings cannot be centered like positions: turning them alone gives no track.
         off_rad = angle_up(up(near.offset_rad + self._error.constant_rad))
         return up(near.offset_m + self._error.centered_m), off_rad
 
     def _walk_back(self, then: np.ndarray, last: int) -> tuple[Interval, Interval]:
-        """Return the poses of samples seen from sample `last`, with the errors of the way."""
+        """Return the poses of samples relative to sample `last`, with the errors of the path."""
         now_rad, errors = self._yaws_rad[last], (self._steps[0], self._steps[1])
         position, turns = self._walked(self._positions_m, now_rad, errors, then, last)
         return position, Interval.around(self._yaws_rad[then] - now_rad, angle_up(turns))
 
     def _walk_ahead(self, first: int, last: int) -> TrackStep:
         """
-        Return the pose of sample `last` seen from sample `first`, with the errors of the way.
+        Return the pose of sample `last` relative to sample `first`, with the errors of the path.
 
-        It is a walk back along the reversed track. Seen from its start, an error of a turn swings
-        what lies after the end of the step: there it belongs to the step before.
+        It is a walk back along the reversed track. Seen from the start, an error of a turn swings
+        the positions after the end of its step: reversed, it belongs to the step before.
         """
         count, now_rad = last - first, self._yaws_rad[first]
         positions = np.ascontiguousarray(self._positions_m[first : last + 1][::-1])
@@ -345,13 +345,13 @@ class OdometryPath:
         then: np.ndarray,
         last: int,
     ) -> tuple[Interval, np.ndarray]:
-        """Return where samples of a track are, seen from the last, and how far their yaws err."""
+        """Return samples of a track relative to sample `last`, and the errors of their yaws."""
         (center, half), turns = np.empty((2, len(then), 3)), np.empty(len(then))
         walk_back(positions, yaw, *errors, then, last, center, half, turns)
         return self._bounded(center, half), turns
 
     def _bounded(self, center: np.ndarray, half: np.ndarray) -> Interval:
-        """Return boxes (m, 3); positions too large to be subtracted bound nothing."""
+        """Return boxes (m, 3); positions too large for a subtraction bound nothing."""
         known = np.isfinite(center) & np.isfinite(half)
         half = np.where(known, half, np.inf)
         bounds = Interval.around(np.where(known, center, 0.0), half)
@@ -363,7 +363,7 @@ class OdometryPath:
         """
         Return the rotations from body to level frame at some times, and their errors.
 
-        Their shapes are (m, 3, 3) and (m,); errors are angles, a half turn at most.
+        Their shapes are (m, 3, 3) and (m,); errors are angles of at most a half turn.
         """
         near = self._nearest(np.asarray(times_s, dtype=float))
         yaws = self._yaws_rad[near.index]

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-How odometry is scaled, and how much it may be wrong then.
+The scale of odometry, and bounds of its errors.
 
-The terms are those of Thrun, Burgard, Fox, Probabilistic Robotics, 2005, Section 5.4, as bounds
-in place of deviations.
+The terms follow Thrun, Burgard, Fox, Probabilistic Robotics, 2005, Section 5.4, as bounds instead
+of standard deviations.
 """
 
 from __future__ import annotations
@@ -21,44 +21,44 @@ from dg_localization.interval.arrays import up
 from dg_localization.interval.rounding import step_up
 
 LEAST_SCALE, MOST_SCALE = 0.01, 100.0
-"""More than what another unit of length explains is a mistake."""
+"""Scales beyond these, which no unit of length explains, are mistakes."""
 
 HALF_TURN_RAD = angle_up(math.pi)
 
 CENTERED = 0.613
-"""Points that are 1 apart at most lie within sqrt(3 / 8) of one point (Jung 1901)."""
+"""Points at mutual distances of at most 1 lie within sqrt(3 / 8) of one point (Jung 1901)."""
 
 
 @dataclass(frozen=True)
 class OdometryErrorModel:
     """
-    Greatest errors of odometry, once it is scaled.
+    Greatest errors of scaled odometry.
 
     Parameters
     ----------
     translation_per_m, translation_per_rad : float
         Error of a step, in m per m travelled and in m per rad turned.
     rotation_per_m, rotation_per_rad : float
-        Error of a turn, in rad per m travelled and in rad per rad turned. Ways and turns are those
-        of the stated poses.
+        Error of a turn, in rad per m travelled and in rad per rad turned. Lengths and turns are
+        those of the stated poses.
     constant_m, constant_rad : float
-        What does not add up along the way. The stated poses are those of a track that errs by the
-        other terms alone, each with an error of its own. Any two errors of positions differ by
-        `constant_m` at most, any two of headings by `constant_rad`, and no heading errs by more.
+        Errors that do not accumulate along the path. The stated poses are the poses of a track
+        with the other errors only, plus one constant error each. Any two of these differ by at
+        most `constant_m` in position and `constant_rad` in heading; no heading errs by more.
     latency_s : float
-        The pose stamped t was the true one at some time within this of t.
+        The pose stamped t was the true pose at some time within this of t.
     tilt_rad : float, optional
-        Error of roll and pitch together, as an angle, where the z axis of the odometry frame is
+        Error of roll and pitch together, as an angle, if the z axis of the odometry frame is
         upright. Without it nothing is remembered in space.
     max_gap_s : float
-        Where stamps are farther apart, messages are taken to be lost, and the robot may have gone
-        and turned meanwhile as far as its limits let it. Infinity: they never are.
+        If stamps are farther apart, messages count as lost, and only the limits of the robot bound
+        its motion in between. With infinity none count as lost.
     restart_gap_s : float
-        Where stamps are farther apart, the odometry counts as started anew, and says nothing of
-        the motion in between. Infinity: only what shows a restart is one.
+        If stamps are farther apart, the odometry counts as restarted and does not bound the motion
+        in between. With infinity only other signs show a restart.
     translation_scale : float
-        True ways are this times the reported ones, up to the errors. These count per m of the
-        scaled way.
+        True distance over reported distance, up to the errors, which count per m of the scaled
+        distance.
 
     Raises
     ------
@@ -88,9 +88,9 @@ class OdometryErrorModel:
 
     def scaled(self, position_m: np.ndarray) -> np.ndarray:
         """
-        Return where a reported position is on the track.
+        Return the position on the track for a reported position.
 
-        The product as it is rounded is the track by definition: nothing is widened for it.
+        The rounded product is the track by definition, so its rounding widens nothing.
         """
         if self.translation_scale == 1.0:
             return position_m
@@ -99,17 +99,17 @@ class OdometryErrorModel:
 
     @property
     def centered_m(self) -> float:
-        """How far any stated position is from one track at most: a shifted track is a track."""
+        """Bound of the distance of stated positions from some track, which may be shifted."""
         return step_up(CENTERED * self.constant_m)
 
     @property
     def least_tilt_rad(self) -> float:
-        """The error of roll and pitch, zero where none is stated."""
+        """The error of roll and pitch; zero if none is stated."""
         return 0.0 if self.tilt_rad is None else self.tilt_rad
 
 
 def most_up(rate: float | np.ndarray, amounts: np.ndarray) -> np.ndarray:
-    """Return upper bounds of products; nothing at no rate, and of no amount."""
+    """Return upper bounds of products; zero if the rate or the amount is zero."""
     there = (amounts > 0.0) & (rate > 0.0)
     return np.where(there, up(rate * np.where(there, amounts, 1.0)), 0.0)
 
@@ -124,7 +124,7 @@ def step_errors(
     ----------
     error : OdometryErrorModel
     lengths_m, angles_rad : numpy.ndarray, shape (n,)
-        The steps, infinite where nothing bounds them.
+        The lengths and turns of the steps; infinite if unbounded.
 
     Returns
     -------

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Which points of a fleet are rigid together, and what measurement would join two pieces."""
+"""Rigid pieces of a fleet, and measurements that would join two of them."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from dg_localization.solver.result import Joint, JointKind, Piece, Result
 FloatArray = NDArray[np.float64]
 
 MOST_REMEDIES = 8
-"""How many measurements are proposed at most."""
+"""Most measurements that are proposed."""
 
 
 @dataclass(frozen=True)
 class Remedy:
     """
-    What would join two pieces.
+    A measurement that would join two pieces.
 
     Parameters
     ----------
     text : str
-        What to measure, as a short sentence.
+        The measurement, as a short sentence.
     face, pair : tuple of str
-        Where a piece can be reflected: the points that the two share, and one more of each. Empty
+        At a reflection: the points that the two pieces share, and one more point of each. Empty
         at other joints.
 
     """
@@ -42,10 +42,10 @@ class Remedy:
 
     def is_open(self, names: Sequence[str], places_m: Iterable[FloatArray]) -> bool:
         """
-        Return whether some placements still need it.
+        Return whether the placements still leave the joint open.
 
-        A reflection is decided where all of them have the pair on the same side of the face, or
-        all of them on opposite sides.
+        A reflection is decided if all placements have the pair on the same side of the face, or
+        all have it on opposite sides.
         """
         if not self.face or not {*self.face, *self.pair} <= {*names}:
             return True
@@ -58,14 +58,14 @@ class Remedy:
 @dataclass(frozen=True)
 class Rigidity:
     """
-    What holds a fleet together, and what is missing.
+    The rigid pieces of a fleet, and the measurements missing between them.
 
     Parameters
     ----------
     pieces : tuple of tuple of str
         The points of each part that can only move as a whole.
     remedies : tuple of Remedy
-        What would join two of them; at most `MOST_REMEDIES`.
+        Measurements that would join two pieces; at most `MOST_REMEDIES`.
 
     """
 
@@ -73,7 +73,7 @@ class Rigidity:
     remedies: tuple[Remedy, ...] = ()
 
     def __add__(self, other: Rigidity) -> Rigidity:
-        """Return the rigidity of two parts of a fleet that nothing joins."""
+        """Return the rigidity of two separate parts of a fleet."""
         remedies = self.remedies + other.remedies
         return Rigidity(self.pieces + other.pieces, remedies[:MOST_REMEDIES])
 
@@ -88,7 +88,7 @@ def rigidity_of(
     all_listed: bool,
     measured: NDArray[np.bool_] | None = None,
 ) -> Rigidity:
-    """Return what the answer of the solver says about connected points."""
+    """Return the rigidity of connected points by a result of the solver."""
     held = [True] * len(result.pieces)
     if measured is not None:
         pairs = np.ascontiguousarray(np.argwhere(np.triu(measured, 1)))
@@ -100,7 +100,7 @@ def rigidity_of(
         if is_held and not any(hypothesis.flexible for hypothesis in piece.hypotheses)
     )
     remedies: list[Remedy] = []
-    # What is free to turn first: it is worse than what has two places.
+    # Hinges come first: they are worse than reflections, which leave two places.
     for joint in sorted(result.joints, key=lambda joint: joint.kind is JointKind.REFLECTION):
         for number in joint.pieces[1:]:
             if len(remedies) == MOST_REMEDIES:
@@ -113,7 +113,7 @@ def rigidity_of(
 
 
 def missing_ranges(n_first: int, n_second: int, n_shared: int, dimension: int) -> int:
-    """Return how many ranges between two rigid pieces are missing, so that they cannot move."""
+    """Return the number of further ranges that would make two rigid pieces one."""
     n_all = n_first + n_second - n_shared
     apart = _freedoms(n_first, dimension) + _freedoms(n_second, dimension)
     return apart - _freedoms(n_shared, dimension) - _freedoms(n_all, dimension)
@@ -137,7 +137,7 @@ class _Joined:
     all_listed: bool
 
     def remedies(self) -> Iterator[Remedy]:
-        """Yield what would leave the joint no freedom, or one side only."""
+        """Yield measurements that would fix the joint or decide its reflection."""
         face = tuple(self.names[point] for point in self.joint.points)
         shared = ', '.join(face)
         if self.joint.kind is JointKind.REFLECTION:
@@ -159,11 +159,11 @@ class _Joined:
         return f'range {self.names[first]} - {self.names[second]}'
 
     def _others(self, piece: Piece) -> str:
-        """Return the names of the points of a piece that the other does not have."""
+        """Return the names of the points of a piece outside the joint."""
         return ', '.join(self.names[p] for p in piece.points if p not in self.joint.points)
 
     def _best_pair(self, merit: Callable[[float, float], float]) -> tuple[int, int] | None:
-        """Return the pair across the joint with the greatest merit of the distances from it."""
+        """Return the pair across the joint whose distances from it have the greatest merit."""
         first, second = (_distances_m(piece, self.joint.points) for piece in self.pieces)
         pairs = {
             (a, b): (merit(first[a], second[b]), max(first[a], second[b]))
@@ -173,10 +173,10 @@ class _Joined:
 
     def _tells_apart(self, first: int, second: int) -> bool:
         """
-        Return whether the distance of a pair tells on which side of the joint the two are.
+        Return whether the distance of a pair decides the reflection at the joint.
 
-        No hypothesis with both on the same side has a distance that one with the two on opposite
-        sides may have, too: other pieces can be reflected as well, and change it.
+        That is so if the distances of all hypotheses with both points on the same side differ from
+        those with points on opposite sides. Reflections of other pieces change these distances.
         """
         bounds: dict[float | None, list[tuple[float, float]]] = {-1.0: [], 1.0: []}
         for hypothesis in self.result.hypotheses:
@@ -192,7 +192,7 @@ class _Joined:
 
 
 def _side(positions: FloatArray, face: Sequence[int], first: int, second: int) -> float | None:
-    """Return 1 where two points are on the same side of a face, else -1; None if not known."""
+    """Return 1 if two points are on the same side of a face, -1 if not, None if unknown."""
     arms = positions - positions[face[0]]
     corners = arms[[(*face[1:], point) for point in (first, second)]]
     if not np.isfinite(corners).all():
@@ -201,7 +201,7 @@ def _side(positions: FloatArray, face: Sequence[int], first: int, second: int) -
 
 
 def _distances_m(piece: Piece, shared: tuple[int, ...]) -> dict[int, float]:
-    """Return how far the points of a piece are from the point, line or plane that it shares."""
+    """Return the distances of the points of a piece from the shared point, line or plane."""
     rows = [piece.points.index(point) for point in shared]
     others = [row for row, point in enumerate(piece.points) if point not in shared]
     positions = next((h.positions for h in piece.hypotheses if h.positions is not None), None)

@@ -16,12 +16,12 @@ from dg_localization.interval.arrays import Interval, up
 FloatArray = NDArray[np.float64]
 
 STEEPEST_RAD = 1.5
-"""Where the body pitches more than this, roll and yaw are not told apart."""
+"""At a steeper pitch, roll and yaw are not distinguished."""
 
 UNBOUNDED = 1e300
 """
-How many times faster than the body they can change then. It is finite, so that a body that does
-not turn keeps both.
+The ratio of the rates of roll and yaw to the rate of the body then. It is finite, so that a body
+that does not turn keeps both.
 """
 
 
@@ -71,7 +71,7 @@ def quaternion_of_yaw(yaw_rad: float) -> FloatArray:
 
 
 def nearest_in_arc(yaw_rad: float, middle_rad: float, half_rad: float) -> tuple[float, float]:
-    """Return the angle of an arc that is nearest to one, and its greatest angle to any of it."""
+    """Return the angle in an arc nearest to a given one, and its greatest distance to the ends."""
     off_rad = math.remainder(yaw_rad - middle_rad, math.tau)
     off_rad = min(max(off_rad, -half_rad), half_rad)
     return middle_rad + off_rad, min(math.pi, angle_up(angle_up(half_rad + abs(off_rad))))
@@ -131,21 +131,21 @@ def rotations_about_z(yaws_rad: FloatArray) -> FloatArray:
 
 def steepness(rotations: FloatArray, within_rad: FloatArray) -> FloatArray:
     """
-    Return how many times faster yaw and tilt can change than a body turns.
+    Return bounds of the ratio of the rates of yaw and tilt to the rate of the body.
 
-    One over the cosine of the greatest pitch near a rotation: the rates of the angles of Euler.
+    It is one over the cosine of the greatest pitch near a rotation (rates of Euler angles).
 
     Parameters
     ----------
     rotations : numpy.ndarray, shape (n, 3, 3)
         From body to a frame whose z axis is upright.
     within_rad : numpy.ndarray, shape (n,)
-        How far the body may be turned from them.
+        Bounds of the angle between the body and these rotations.
 
     Returns
     -------
     numpy.ndarray, shape (n,)
-        Upper bounds, `UNBOUNDED` where the body may stand upright.
+        Upper bounds; `UNBOUNDED` if the body may pitch by more than `STEEPEST_RAD`.
 
     """
     cosines = np.hypot(rotations[:, 0, 0], rotations[:, 1, 0])

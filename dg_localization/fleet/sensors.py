@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What is known of sensors and anchors: error bounds, and where they are.
+Settings of sensors and anchors: error bounds and places.
 
 Every dataclass here is frozen and checks itself when made. A wrong value raises `ConfigError`,
-whose message names the field, the value, and what would be right.
+whose message names the field, the value, and the allowed values.
 """
 
 from __future__ import annotations
@@ -56,33 +56,33 @@ class RangeErrorModel:
     ``low = min_error_m + min_error_relative * r - sigma_factor * sigma``, where sigma is the
     standard deviation the measurement came with (zero when it came with none). Ultra-wideband
     reads too long far more often than too short, so `max_error_m` is usually the larger one. A
-    reading in single precision, as in ``sensor_msgs/Range``, is off by another 6e-8 of it. Where
-    ``low`` exceeds ``high`` they change places.
+    reading in single precision, as in ``sensor_msgs/Range``, errs by a further 6e-8 of itself. If
+    ``low`` exceeds ``high``, they are swapped.
 
     Parameters
     ----------
     min_error_m, max_error_m : float
-        Least and greatest error in m, whatever the distance.
+        Least and greatest error in m at any distance.
     min_error_relative, max_error_relative : float
         Least and greatest error as a fraction of the reading.
     sigma_factor : float
-        How many standard deviations to add on both sides; 0 ignores reported variances.
+        Number of standard deviations to add on both sides; 0 ignores reported variances.
     beyond_max_is_far : bool
         Whether a reading of +inf (REP-117: nothing within ``max_range``) proves that the target
-        is farther than ``max_range``. It does not when readings simply get lost.
+        is farther than ``max_range``. It does not if readings simply get lost.
     expected_error_m : float, optional
-        The likeliest error in m, for the best point; None where it is not known.
+        The likeliest error in m, for the best point; None if it is not known.
     expected_error_relative : float
-        What is added to it as a fraction of the reading.
+        A further likeliest error as a fraction of the reading.
     min_reading_m, max_reading_m : float
-        A finite reading that is not between them says nothing, nor does one that is equal to
-        either: many radios report 0 or the largest number they have where nothing was measured.
+        Finite readings must lie strictly between these, or they are ignored: many radios report 0
+        or their largest number if nothing was measured.
 
     Raises
     ------
     ConfigError
-        If a number is not finite or a minimum exceeds its maximum; relative ones may do so where
-        the constant ones are apart.
+        If a number is not finite or a minimum exceeds its maximum; a relative minimum may do so
+        if the constant bounds are apart.
 
     """
 
@@ -142,7 +142,7 @@ class AbsoluteErrorModel:
 
 
 class ElevationErrorModel(AbsoluteErrorModel):
-    """Bounds of the error of an elevation that is read."""
+    """Bounds of the error of an elevation reading."""
 
     GROUP = 'elevation'
 
@@ -156,7 +156,7 @@ class DifferenceErrorModel(AbsoluteErrorModel):
 def _require_order(
     group: str, model: RangeErrorModel | AbsoluteErrorModel, least: str, greatest: str
 ) -> None:
-    """Raise `ConfigError` where the least of two errors exceeds the greatest."""
+    """Raise `ConfigError` if the least error exceeds the greatest."""
     low, high = getattr(model, least), getattr(model, greatest)
     if low > high:
         wanted = f'it must be at most {group}.{greatest}, which is {high!r}'
@@ -166,25 +166,25 @@ def _require_order(
 @dataclass(frozen=True)
 class SensorBounds:
     """
-    Error bounds of what one sensor measures, whoever its targets are.
+    Error bounds of the measurements of one sensor, for all targets.
 
     Parameters
     ----------
     range_error : RangeErrorModel
-        Of its ranges.
+        Bounds of its ranges.
     bearing_half_width_rad : float
-        The greatest angle between its rays and the truth.
+        The greatest angle between its rays and the true directions.
     bearing_expected_error_rad : float
         The likeliest error of its rays about the vertical axis, counterclockwise.
     elevation_error : ElevationErrorModel
-        Of the elevations that it reads.
+        Bounds of its elevations.
     range_difference_error : DifferenceErrorModel
-        Of the differences of its distances to two points.
+        Bounds of the differences of its distances to two points.
 
     Raises
     ------
     ConfigError
-        If the half width is negative, above pi or not finite, or another value is none.
+        If the half width is negative, above pi or not finite, or another value is of a wrong type.
 
     """
 
@@ -211,9 +211,9 @@ class Anchor:
     Parameters
     ----------
     coordinates_m : tuple of float, length q
-        Where it is, in the fixed frame.
+        Its coordinates in the fixed frame.
     bound_m : float
-        How far the true point may be from there, in m.
+        Bound of the distance of the true point from there, in m.
 
     Raises
     ------
@@ -239,12 +239,12 @@ class Mount:
     Parameters
     ----------
     position_m : tuple of float, length q
-        Where it is in the body frame of the robot.
+        Its position in the body frame of the robot.
     bound_m : float
-        How far the sensor may be from there, in m.
+        Bound of the distance of the true sensor from there, in m.
     rotation_xyzw : tuple of float, length 4
-        Unit quaternion from the frame of the sensor to that of the body: rays are given in the
-        frame of the sensor that sees them.
+        Unit quaternion from the sensor frame to the body frame; rays are given in the sensor
+        frame.
 
     Raises
     ------
@@ -271,7 +271,7 @@ class Mount:
 
 
 def checked_anchors(anchors: Mapping[str, Anchor], dimension: int) -> Mapping[str, Anchor]:
-    """Return anchors in a copy that nobody can change; raise `ConfigError` on a wrong one."""
+    """Return a read-only copy of anchors; raise `ConfigError` on a wrong one."""
     checked = require_mapping('anchors', anchors)
     for name, anchor in checked.items():
         require_name('anchors', name)
@@ -285,7 +285,7 @@ def checked_mounts(
     robots: Collection[str],
     dimension: int,
 ) -> Mapping[str, Mapping[str, Mount | tuple[float, ...]]]:
-    """Return the sensors of each robot in a copy; raise `ConfigError` on a wrong one."""
+    """Return a read-only copy of the sensors of each robot; raise `ConfigError` on a wrong one."""
     checked = {}
     for robot, sensors in require_mapping('mounts', mounts).items():
         require_one_of('mounts', robot, robots)
@@ -311,7 +311,7 @@ def _require_dimension(name: str, position_m: tuple[float, ...], dimension: int)
 def checked_elevations(
     elevations_m: Mapping[str, tuple[float, ...]], points: Collection[str], dimension: int
 ) -> Mapping[str, tuple[float, ...]]:
-    """Return the least and the greatest elevation of points in a copy, unless one is wrong."""
+    """Return a read-only copy of the elevation bounds; raise `ConfigError` on a wrong one."""
     checked = {}
     for point, bounds_m in require_mapping('elevations_m', elevations_m).items():
         if dimension != 2:

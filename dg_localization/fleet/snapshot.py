@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What the measurements say at one time: every reading aged to it, nothing later.
+Snapshots: the measurements at one time, each reading aged to it, without later ones.
 
 A distance measured dt ago holds now within the displacement of its two ends since. A ray keeps
-its stamp: what counts is the angle between two rays, and rays of one image turn together.
+its stamp: the solver uses angles between rays, and rays of one image turn together.
 """
 
 from __future__ import annotations
@@ -36,38 +36,38 @@ from dg_localization.interval.bounds import product_up, sum_down, sum_up
 from dg_localization.solver.options import SolverOptions
 
 Displacement: TypeAlias = Callable[[str, float], float]
-"""How far a point can have moved since a time in s, in m."""
+"""Returns the greatest displacement in m of a point since a time in s."""
 
 
 @dataclass(frozen=True)
 class Snapshot:
     """
-    Everything an estimate depends on, at one time; later measurements do not change it.
+    All inputs of an estimate at one time; later measurements do not change it.
 
     Parameters
     ----------
     config : FleetConfig
     stamp_s : float
     distances : tuple of DistanceReading
-        One for each range link in use: what all its readings together say at `stamp_s`.
+        One for each range link in use: the intersection of its readings at `stamp_s`.
     rays : tuple of RayReading
-        The newest one of each bearing link in use, with the displacement since.
+        The newest ray of each bearing link in use, with the displacement since.
     motion : Motion
     anchors : AnchorGeometry
     links : tuple of LinkState
-        Every range and bearing link that has ever delivered.
+        Every range and bearing link that has ever delivered a reading.
     window : Window
-        What is remembered of the last `memory_s`.
+        The observations of the last `memory_s`.
     mounts : MountGeometry
     detections : frozenset of (str, str)
         The observers and targets whose ray in use shares its stamp with one of their ranges: both
-        are of one detection, and wrong together or not at all.
+        come from one detection, and are wrong together or not at all.
     tighten_seconds : float
-        As of the options of the solver; the smaller one counts.
+        Limit of `SolverOptions.tighten_seconds`; the smaller value counts.
     number : int
-        Of those that its localizer takes, one after the other.
+        The serial number among the snapshots of its localizer.
     warnings : tuple of str
-        What the inputs show to be wrong, each a sentence.
+        Warnings about the inputs, one sentence each.
 
     """
 
@@ -87,7 +87,7 @@ class Snapshot:
 
     @cached_property
     def carried(self) -> CarriedWindow:
-        """What is remembered, seen from where the robots are now; made when it is asked for."""
+        """The window carried to the poses of the robots now; made on first use."""
         return CarriedWindow(self.stamp_s, self.window, self.motion, self.anchors)
 
     @property
@@ -99,15 +99,15 @@ class Snapshot:
 
     @property
     def odometry_is_young(self) -> bool:
-        """Whether any odometry is no older than a measurement in use may be."""
+        """Whether some odometry is no older than `max_age_s`."""
         newest_s = (readings[-1].stamp_s for readings in self.motion.odometry.values() if readings)
         return any(self.stamp_s - stamp_s <= self.config.max_age_s for stamp_s in newest_s)
 
     def without(self, forgotten: Spans, left_out: Collection[Ends]) -> Snapshot:
         """
-        Return what is left where what some points measured of each other does not count.
+        Return the snapshot without some observations.
 
-        In the window that is what is forgotten, at the moment the links between points left out.
+        The window loses `forgotten` observations, the moment the links between `left_out` points.
         """
 
         def counts(key: LinkKey) -> bool:
@@ -138,7 +138,7 @@ def take_snapshot(
     left_out: Mapping[Ends, float] = MappingProxyType({}),
 ) -> Snapshot:
     """
-    Return what the measurements of `store` say at `now_s`; see `Memory.view`.
+    Return a snapshot of the measurements of `store` at `now_s`; see `Memory.view`.
 
     Readings up to the stamps in `left_out` do not count.
     """
@@ -187,7 +187,7 @@ def take_snapshot(
         tuple(links),
         store.memory.view(now_s, forgotten),
         mounts,
-        # The observers and targets of rays that were measured together with a range.
+        # The observers and targets of rays measured together with a range.
         frozenset(
             ray.key.ends
             for ray in rays
@@ -207,13 +207,13 @@ def _distance_at(
     for reading in readings:
         moved_m = _displacement_of_ends_m(key, reading.stamp_s, displacement_m)
         if reading.upper_m < max(0.0, reading.lower_m):
-            # No distance gives this reading, however the robots have moved since.
+            # The reading is empty: no distance gives it, whatever the motion since.
             moved_m = 0.0
         lower_m = max(lower_m, sum_down(reading.lower_m, -moved_m))
         upper_m = min(upper_m, sum_up(reading.upper_m, moved_m))
         if math.isfinite(reading.likeliest_m):
             half_width_m = 0.5 * (reading.upper_m - reading.lower_m) + moved_m
-            # A square of the quotient underflows to no weight, one of the width would overflow.
+            # The square of the quotient underflows to zero; the squared width would overflow.
             weight = (1.0 / max(half_width_m, LEAST_HALF_WIDTH)) ** 2
             likeliest_m += weight * reading.likeliest_m
             total_weight += weight
@@ -225,9 +225,9 @@ def _in_space_m(
     now_s: float, readings: list[DistanceReading], displacement_m: Displacement, motion: Motion
 ) -> tuple[float, float]:
     """
-    Return bounds of a distance in space, where that in the plane was made of it.
+    Return bounds of the distance in space from which a distance in the plane was made.
 
-    Readings may contradict each other in space alone: in the plane a wide rise hides it.
+    Readings may contradict each other in space only: in the plane a wide rise hides it.
     """
     lower_m, upper_m = 0.0, math.inf
     for reading in readings:
@@ -242,6 +242,6 @@ def _in_space_m(
 
 
 def _displacement_of_ends_m(key: LinkKey, stamp_s: float, displacement_m: Displacement) -> float:
-    """Return how far both ends of a link together can have moved since `stamp_s`."""
+    """Return a bound of the displacement of both ends of a link together since `stamp_s`."""
     first_m, second_m = displacement_m(key.observer, stamp_s), displacement_m(key.target, stamp_s)
     return sum_up(first_m, second_m) if first_m or second_m else 0.0

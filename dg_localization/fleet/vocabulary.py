@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What goes into the package `fleet`: links, readings, and what became of each input.
+Inputs of the package `fleet`: links, readings, and states of inputs.
 
-A reading is made once, when a measurement is accepted. From there to the problem it is carried
-with its key; aging and turning change its numbers, not its type.
+A reading is made once, when a measurement is accepted, and keeps its key until the problem is
+made. Aging and rotation change its numbers, not its type.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ import numpy as np
 
 class LinkKind(StrEnum):
     """
-    What a link measures.
+    The kind of measurements of a link.
 
-    Peers are ranges and bearings that one robot sends together. Each of them is also counted, and
-    used, as a range, a bearing or a range difference. A camera is what turns its pixels into
-    bearings. An elevation is that of the observer itself. A range difference is by how much the
-    target is farther away than the reference.
+    Peers are measurements that one robot sends together. Each of them is also counted and used as
+    a range, a bearing or a range difference. A camera input holds the calibration that converts
+    pixels to bearings. An elevation belongs to the observer itself. A range difference is the
+    distance to the target minus the distance to the reference.
     """
 
     RANGE = 'range'
@@ -39,11 +39,11 @@ class LinkKind(StrEnum):
 
 class LinkKey(NamedTuple):
     """
-    One source of measurements: who measures what of whom.
+    One source of measurements: the kind, the observer, the target and the reference.
 
-    `target` is empty for odometry and elevations, which a robot measures of itself, and for peers,
-    `reference` for all but range differences.
-    Every reading is looked up by its key several times, and tuples are compared and hashed fast.
+    `target` is empty for odometry, elevations and peers. `reference` is empty except for range
+    differences. Keys are tuples because every reading is looked up several times, and tuples are
+    compared and hashed fast.
     """
 
     kind: LinkKind
@@ -75,9 +75,9 @@ Conflict: TypeAlias = tuple[LinkKey, ...]
 @dataclass(frozen=True)
 class DistanceReading:
     """
-    Bounds of the distance of two points at one time; in the plane, of their projections on it.
+    Bounds of the distance of two points at one time; in the plane, of their projections.
 
-    Those of a range difference are of the difference of two distances, in space.
+    For a range difference they bound the difference of two distances in space.
 
     Parameters
     ----------
@@ -86,12 +86,12 @@ class DistanceReading:
     stamp_s : float
         The time at which the bounds hold.
     lower_m, upper_m : float
-        Rounded outward. ``lower_m > upper_m`` when no distance agrees with what was measured.
+        Rounded outward. ``lower_m > upper_m`` if no distance agrees with the measurement.
     likeliest_m : float
-        The likeliest distance; NaN when the reading says only what it is not.
+        The likeliest distance; NaN if the reading only excludes distances.
     in_space_m : tuple of float, optional
-        What those in the plane were made of: bounds of the distance in space, of two points at
-        different elevations.
+        The bounds of the distance in space from which the bounds in the plane were made, for two
+        points at different elevations.
 
     """
 
@@ -111,7 +111,7 @@ class RayReading:
     Parameters
     ----------
     key : LinkKey
-        Who sees whom.
+        The observer and the target.
     stamp_s : float
         The time of the body frame.
     direction : numpy.ndarray, shape (3,)
@@ -121,8 +121,8 @@ class RayReading:
     expected_error_rad : float
         Its likeliest error about the vertical axis, counterclockwise.
     displacement_m : float
-        How far both ends together can have moved since the direction was measured. It is not yet
-        part of the half width.
+        Greatest displacement of both ends together since the direction was measured. It is not
+        yet part of the half width.
 
     """
 
@@ -147,14 +147,14 @@ class OdometrySample:
     rotation : numpy.ndarray, shape (3, 3)
         From body to odometry frame.
     frame : str
-        The name of the odometry frame; empty where it has none.
+        The name of the odometry frame; empty if it has none.
     restarted_s : float
-        When this odometry started anew, as far as it showed; 0 when it never did.
+        The time of the last detected restart of the odometry; 0 if there was none.
     way_m, turned_rad : float
-        Sums of the steps and of the turns since the odometry began, rounded up: what lies between
-        two readings is at most the difference.
+        Sums of the steps and of the turns since the odometry began, rounded up: their differences
+        bound the path between two readings.
     reported_m : numpy.ndarray, shape (3,), optional
-        The position that was reported, in the odometry frame; by default that on the track.
+        The reported position in the odometry frame; by default the position on the track.
 
     """
 
@@ -169,12 +169,12 @@ class OdometrySample:
 
     @property
     def position_in_frame_m(self) -> np.ndarray:
-        """The position in the odometry frame, as it was reported."""
+        """The reported position in the odometry frame."""
         return self.position_m if self.reported_m is None else self.reported_m
 
 
 class RejectionReason(Enum):
-    """Why a measurement was not accepted."""
+    """The reason why a measurement was not accepted."""
 
     NAN = 'nan'
     NEGATIVE = 'negative'
@@ -212,7 +212,7 @@ class Rejection:
 
 
 class RefusedError(Exception):
-    """A measurement that cannot be used, while it is taken in; `rejection` says why."""
+    """Raised during intake for a measurement that cannot be used; `rejection` says why."""
 
     def __init__(self, reason: RejectionReason, text: str) -> None:
         super().__init__(text)
@@ -220,7 +220,7 @@ class RefusedError(Exception):
 
 
 class RangeMessage(NamedTuple):
-    """A range as it came: in m, with the limits of the sensor (REP-117) and its variance."""
+    """A range as received: in m, with the limits of the sensor (REP-117) and its variance."""
 
     range_m: object
     min_range_m: float | None = None
@@ -231,7 +231,7 @@ class RangeMessage(NamedTuple):
 @dataclass(frozen=True)
 class InputState:
     """
-    What has arrived on one input since the start or the last reset.
+    The state of one input since the start or the last reset.
 
     Parameters
     ----------
@@ -241,17 +241,17 @@ class InputState:
     rejected : dict of RejectionReason to int
         Number of rejected measurements, by reason.
     last_reason_text : str
-        The sentence of the last rejection; empty when there was none.
+        The sentence of the last rejection; empty if there was none.
     age_s : float
-        Age of the newest accepted measurement; inf when there is none.
+        Age of the newest accepted measurement; inf if there is none.
     in_use : bool
         Whether a measurement of this input is young enough to count.
     stuck : str
-        A sentence on readings that repeat themselves although robots move; empty if they do not.
+        A sentence on readings that stay equal although robots move; empty if they do not.
     restart : str
-        A sentence on odometry that has started anew within `max_age_s`; empty if it has not.
+        A sentence on odometry that restarted within `max_age_s`; empty if it did not.
     warning : str
-        A sentence on settings that its measurements show to be wrong; empty if they do not.
+        A sentence on settings that the measurements refute; empty if there are none.
 
     """
 
@@ -269,21 +269,21 @@ class InputState:
 @dataclass(frozen=True)
 class LinkState:
     """
-    What one link of ranges or bearings says at the time of a snapshot.
+    The state of one link of ranges or bearings at the time of a snapshot.
 
     Parameters
     ----------
     key : LinkKey
     lower_m, upper_m : float
         Bounds of the distance at that time, in m, after aging; in the plane, between the
-        projections of both ends on it. A bearing says nothing about the distance: [0, inf].
+        projections of both ends. A bearing does not bound the distance: [0, inf].
     age_s : float
         Age of the newest measurement.
     stale : bool
-        Whether it was not used since all its measurements are too old, or later than the answer.
+        Whether it is unused because all its measurements are too old, or later than the answer.
     contradicts : bool
-        Whether it is part of a contradiction that was found. A link that contradicts what was
-        measured before is left out.
+        Whether it is part of a detected contradiction. A link that contradicts earlier
+        measurements is left out.
 
     """
 

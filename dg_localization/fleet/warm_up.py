@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Loading of all compiled kernels, or compiling them the first time on a machine."""
+"""Loading of all compiled kernels, or their compilation the first time on a machine."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ REPORT_PERIOD_S = 0.5
 
 def warm_up(report: Callable[[str], object] | None = None) -> None:
     """
-    Load every kernel of the solver and the fleet, so that later estimates wait for none.
+    Load every kernel of the solver and the fleet, so that later estimates do not wait for them.
 
-    The first time on a machine this compiles them, for one to two minutes of one processor;
-    `warm_up_status` says how far it has come. Without numba there is nothing to load.
+    The first time on a machine this compiles the kernels, which takes one to two minutes of one
+    processor; `warm_up_status` reports the progress. Without numba there is nothing to load.
 
     Parameters
     ----------
     report : callable, optional
         Called from another thread with that line and the seconds so far, such as `print`: when
-        compiling begins and about ten times on the way; never where all kernels are only loaded.
+        compilation begins and about ten times during it; not called if kernels are only loaded.
 
     """
     if not COMPILED:
@@ -52,7 +52,7 @@ def warm_up(report: Callable[[str], object] | None = None) -> None:
 
 @contextmanager
 def _reporting(report: Callable[[str], object]) -> Iterator[None]:
-    """Report how far compiling has come, about every tenth, until the block ends."""
+    """Report the progress of compilation, about every tenth, until the block ends."""
     began_s, ended = time.monotonic(), Event()
 
     def watch() -> None:
@@ -75,7 +75,7 @@ def _reporting(report: Callable[[str], object]) -> Iterator[None]:
 
 @cache
 def _load_all() -> None:
-    """Make estimates that need every kernel, once in a process."""
+    """Run estimates that need every kernel, once per process."""
     load_kernels()
     _estimate_small_fleet()
     for outliers in (0, 1):
@@ -83,7 +83,7 @@ def _load_all() -> None:
 
 
 def warm_up_status() -> str:
-    """Return what `warm_up` is doing in another thread, for people to read."""
+    """Return a readable status of `warm_up` in another thread."""
     progress = compile_progress()
     if not progress.compiled:
         return 'loading the solver'
@@ -94,7 +94,7 @@ def warm_up_status() -> str:
 
 
 def solver_warnings() -> tuple[str, ...]:
-    """Return why the solver is slower than it could be, and what to do about it."""
+    """Return reasons why the solver is slower than it could be, with remedies."""
     return tuple(text for text in (why_slow(), why_not_kept()) if text)
 
 
@@ -120,8 +120,8 @@ def _estimate_small_fleet() -> None:
 
 
 def _estimate_in_time(window_outliers: int) -> None:
-    """Estimate two robots with odometry, from all that they measure of each other."""
-    # Compiling takes longer than an answer may.
+    """Estimate two robots with odometry from all kinds of readings between them."""
+    # Compilation takes longer than an answer may.
     config = FleetConfig(('r', 's'), window_outliers=window_outliers, memory_max_seconds=math.inf)
     localizer = Localizer(config)
     places_m = {'r': (0.0, 1.0, 0.0), 's': (1.0, 1.0, 0.0)}
@@ -132,11 +132,11 @@ def _estimate_in_time(window_outliers: int) -> None:
             localizer.add_range(first, other, math.dist(from_m, to_m), now_s, now_s)
             localizer.add_bearing(first, other, np.subtract(to_m, from_m), now_s, now_s)
         localizer.step(now_s)
-    # What contradicts itself is explained and forgotten.
+    # A contradiction is explained and forgotten.
     localizer.add_range('r', 's', 9.0, now_s, now_s)
     localizer.step(now_s)
 
 
 def _measured_pairs(n: int) -> list[tuple[int, int]]:
-    """Return all pairs but that of the lone corners, which are on either side or on the same."""
+    """Return all pairs except the two lone corners, which may be on the same or opposite sides."""
     return [pair for pair in combinations(range(n), 2) if pair != (0, n - 1)]
