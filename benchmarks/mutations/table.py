@@ -329,7 +329,7 @@ CONTRACT = [
 BOX = ('test/solver/test_box.py',)
 SEARCH = (
     'test/solver/test_result.py::test_what_stops_a_search_leaves_a_complete_cover',
-    'test/solver/test_clock_without_numba.py',
+    'test/solver/test_without_numba.py::test_looks_within_one_box',
 )
 
 SEARCHING = [
@@ -426,7 +426,10 @@ SEARCHING = [
     *_in(
         'solver',
         'contract/fixed_point',
-        ('test/solver/test_splitting.py', 'test/solver/test_pieces_never_lose.py'),
+        (
+            'test/solver/test_result.py::test_three_points_on_a_line_are_told_apart',
+            'test/solver/test_pieces_never_lose.py',
+        ),
         (
             'three points on a line count as convex',
             'most_points = 2 if problem.dimension == 1 else 3',
@@ -695,7 +698,11 @@ FLEET = [
     *_in(
         'fleet',
         'window/forgetting',
-        ('test/fleet/test_forgetting.py', 'test/fleet/test_window.py'),
+        (
+            'test/fleet/test_window.py::test_measurements_that_agree_again_end_a_doubt',
+            'test/fleet/test_window.py'
+            '::test_a_robot_that_was_carried_away_is_forgotten_and_found_again',
+        ),
         (
             'one measurement that agrees ends a doubt',
             'if newer < CONFIRMING or not tried:',
@@ -1172,7 +1179,10 @@ FLEET = [
     *_in(
         'fleet/window',
         'recollection',
-        ('test/fleet/test_memory_ends.py', 'test/fleet/test_many_hypotheses.py'),
+        (
+            'test/fleet/test_memory_ends.py',
+            'test/fleet/test_window.py::test_one_listed_placement_is_the_one_that_is_left',
+        ),
         (
             'what rests on all of the memory is carried on',
             'if recalled.pose_sets.of_whole_memory:',

@@ -40,8 +40,10 @@ class Circling:
         self.time_s = 0.0
         self.shift_m = np.zeros((robots, 2))
         """How far robots were carried, which odometry does not see."""
-        self.started_m, self.scale = np.zeros(2), 1.0
-        """Where odometry starts, and how many meters its unit has."""
+        self.started_m, self.started_rad, self.scale = np.zeros(2), 0.0, 1.0
+        """Where odometry starts, how it is turned, and how many meters its unit has."""
+        self.ahead_s, self.late_s = 0.0, 0.0
+        """How far clocks are ahead, and after what time it arrives what was measured."""
         self.centers_m, self.rates = CENTERS[:robots], RATES[:robots]
         self._rng = np.random.default_rng(0)
 
@@ -49,36 +51,41 @@ class Circling:
     def now_s(self):
         return START_S + self.time_s
 
-    def poses(self):
-        """Return true positions (n, 2) and yaws (n,)."""
+    def poses(self, before_s=0.0):
+        """Return true positions (n, 2) and yaws (n,), of now or some time before."""
         n = len(self.names)
-        angles = self.rates * self.time_s + np.arange(n)
+        angles = self.rates * (self.time_s - before_s) + np.arange(n)
         around = RADII_M[:n, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         yaws = angles + np.sign(RADII_M[:n] * self.rates) * 0.5 * math.pi
         return self.centers_m + around + self.shift_m, yaws
 
     def measure(self, *, pairs=None, anchors=True, bearings=True, odometry=None):
         """Measure pairs of robots, or all, once."""
-        places, yaws = self.poses()
+        places, yaws = self.poses(self.late_s)
+        stamps = self._stamps()
         for i, name in enumerate(self.names):
             if odometry is None or name in odometry:
-                stated = (places[i] - self.shift_m[i] + self.started_m) / self.scale
-                pose = [*stated, 0.0], quaternion_of_yaw(yaws[i])
-                stamps = self.now_s, self.now_s
+                driven = turn(2, self.started_rad)[:2, :2] @ (places[i] - self.shift_m[i])
+                pose = [*(driven + self.started_m) / self.scale, 0.0]
+                turned = quaternion_of_yaw(yaws[i] + self.started_rad)
                 add = self.localizer.add_odometry
-                assert add(name, *pose, *stamps, self.odometry_frame) is None
+                assert add(name, pose, turned, *stamps, self.odometry_frame) is None
         for i, j in combinations(range(len(places)), 2) if pairs is None else pairs:
             self._range(self.names[i], self.names[j], places[j] - places[i])
         for i, j in permutations(range(len(places)), 2) if self.cameras and bearings else ():
             ray = turn(2, -yaws[i]) @ [*(places[j] - places[i]), 0.0]
-            self.localizer.add_bearing(self.names[i], self.names[j], ray, self.now_s, self.now_s)
+            self.localizer.add_bearing(self.names[i], self.names[j], ray, *stamps)
         for name, anchor in self.config.anchors.items() if anchors else ():
             for robot, place in zip(self.names, places, strict=True):
                 self._range(robot, name, anchor.coordinates_m - place)
 
     def _range(self, observer, target, gap):
         reading = float(np.linalg.norm(gap)) / (1.0 + self._rng.uniform(-self.noise, self.noise))
-        self.localizer.add_range(observer, target, reading, self.now_s, self.now_s)
+        self.localizer.add_range(observer, target, reading, *self._stamps())
+
+    def _stamps(self):
+        """Return when clocks say that it was measured, and when it arrives."""
+        return self.now_s - self.late_s + self.ahead_s, self.now_s
 
     def drive(self, seconds, every_s=1.0, **measured):
         """Drive on, measuring; yield an estimate every second, or as often as is said."""

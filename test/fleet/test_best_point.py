@@ -11,6 +11,7 @@ import pytest
 from sensing import add_odometry, add_ranges, new_localizer, ray
 from shapes import check_form, in_space, random_rotation
 
+from benchmarks.covariances import CASES, Row
 from dg_localization.fleet import RangeErrorModel
 
 NOW_S = 10.0
@@ -199,3 +200,14 @@ def test_what_is_left_out_of_the_past_still_counts_for_the_moment(b_saw_a):
     (placement,) = localizer.step(NOW_S).placements
     truth_m = [places_m['a'], places_m['b']]
     assert np.linalg.norm(placement.positions_m - truth_m, axis=1).max() < 0.1
+
+
+NAMES = 'moment memory memory-all-bias memory-exact ranges-drift latency silence straight'.split()
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_best_points_are_as_far_off_as_their_covariances_say(name):
+    row = Row.of(CASES[name], seeds=20, count=8)
+    assert (row.beyond <= 0.02).all()
+    # A normal distribution has 0.79; bounds leave open how errors are distributed within them.
+    assert 0.3 <= row.median_nees <= 1.4

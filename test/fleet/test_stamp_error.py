@@ -5,75 +5,49 @@
 
 import math
 
+from circling import Circling
 import numpy as np
 import pytest
-from sensing import add_odometry, add_ranges, new_localizer, ray
-from shapes import holds
+from sensing import add_odometry, add_ranges, anchors_at, new_localizer, ray
 
 from dg_localization import Verdict
+from dg_localization.fleet import OdometryErrorModel, RangeErrorModel
 from dg_localization.fleet.rotations import yaw_of
 
 ANCHORS_M = {'a0': (0.0, 0.0), 'a1': (8.0, 0.0), 'a2': (3.0, 7.0)}
-SPEED_M_S, CIRCLE_M = 1.0, 1.0
 
 
-class Circling:
-    """
-    A robot that drives in a circle among anchors, with a clock of its own.
-
-    What it says arrives late: where its clock is ahead by as much, it looks new.
-    """
-
-    def __init__(self, ahead_s, with_odometry, **settings):
-        self.ahead_s = ahead_s
-        self.with_odometry = with_odometry
-        self.localizer = new_localizer(
-            ('r',),
-            anchors=ANCHORS_M,
-            range_error=(-1e-4, 1e-4, 0.0, 0.0),
-            max_speed_m_s=1.01 * SPEED_M_S,
-            max_turn_rate_rad_s=1.01 * SPEED_M_S / CIRCLE_M,
-            odometry_error=(1e-3, 0.0, 0.0, 1e-3),
-            memory_max_seconds=math.inf,
-            solver={'resolution': 0.2, 'max_boxes': 60},
-            **settings,
-        )
-
-    def pose(self, time_s):
-        angle = SPEED_M_S / CIRCLE_M * time_s
-        x, y = 3.0 + CIRCLE_M * math.cos(angle), 3.0 + CIRCLE_M * math.sin(angle)
-        return np.array([x, y]), angle + 0.5 * math.pi
-
-    def drive(self, seconds, late_s=0.05, since_s=100.0):
-        """Yield times and estimates."""
-        for tick in range(round(seconds / 0.05) + 1):
-            time_s = since_s + 0.05 * tick
-            measured_s = time_s - late_s
-            place, yaw = self.pose(measured_s)
-            stamp_s = measured_s + self.ahead_s
-            if self.with_odometry:
-                add_odometry(self.localizer, 'r', place, stamp_s, yaw, time_s)
-            due = dict([*ANCHORS_M.items()][tick % 7 : tick % 7 + 1])
-            add_ranges(self.localizer, 'r', place, due, stamp_s, now_s=time_s)
-            if tick % 10 == 9:
-                yield time_s, self.localizer.step(time_s)
+def driving(ahead_s=0.0, late_s=0.0, **settings):
+    """Return a robot that drives in a circle at 0.4 m/s among anchors, by a clock of its own."""
+    robot = Circling(
+        1,
+        anchors=anchors_at(ANCHORS_M),
+        range_error=RangeErrorModel(-1e-4, 1e-4, 0.0, 0.0),
+        max_speed_m_s=0.404,
+        max_turn_rate_rad_s=0.505,
+        odometry_error=OdometryErrorModel(1e-3, 0.0, 0.0, 1e-3),
+        **settings,
+    )
+    robot.ahead_s, robot.late_s = ahead_s, late_s
+    return robot
 
 
-@pytest.mark.parametrize('with_odometry', [False, True])
+@pytest.mark.parametrize('odometry', [(), None])
 @pytest.mark.parametrize('ahead_s', [-0.05, 0.05])
-def test_the_truth_is_inside_with_clocks_as_wrong_as_is_stated(ahead_s, with_odometry):
-    robot = Circling(ahead_s, with_odometry, stamp_error_s=0.05)
-    for time_s, estimate in robot.drive(4.0):
+def test_the_truth_is_inside_with_clocks_as_wrong_as_is_stated(ahead_s, odometry):
+    robot = driving(ahead_s, 0.05, stamp_error_s=0.05)
+    for estimate in robot.drive(4.0, every_s=0.5, odometry=odometry):
         assert estimate.verdict is not Verdict.INFEASIBLE
         assert not estimate.forgotten
-        assert holds(estimate, robot.pose(time_s)[0]), time_s
+        assert robot.holding(estimate)
 
 
-@pytest.mark.parametrize('with_odometry', [False, True])
-def test_stamps_that_are_more_wrong_than_is_stated_are_noticed(with_odometry):
-    robot = Circling(0.2, with_odometry, stamp_error_s=0.01)
-    answers = list(robot.drive(4.0, late_s=0.2))
-    assert not all(holds(estimate, robot.pose(time_s)[0]) for time_s, estimate in answers)
+@pytest.mark.parametrize('odometry', [(), None])
+def test_stamps_that_are_more_wrong_than_is_stated_are_noticed(odometry):
+    """Late readings look new where the clock is ahead by as much."""
+    robot = driving(0.2, 0.2, stamp_error_s=0.01)
+    answers = robot.drive(4.0, every_s=0.5, odometry=odometry)
+    assert not all(robot.holding(estimate) for estimate in answers)
 
 
 def turning(**settings):
@@ -107,9 +81,9 @@ def test_a_ray_with_the_stamp_of_the_answer_may_be_of_another_time(ahead_s, with
 
 
 def test_where_clocks_are_right_nothing_is_widened():
-    robot, vague = Circling(0.0, True), Circling(0.0, True, stamp_error_s=0.02)
-    *_, (_, known) = robot.drive(4.0, late_s=0.0)
-    *_, (_, wide) = vague.drive(4.0, late_s=0.0)
-    widths_m = [np.ptp(e.placements[0].enclosure_m[0], axis=0) for e in (known, wide)]
+    widths_m = []
+    for robot in (driving(), driving(stamp_error_s=0.02)):
+        *_, estimate = robot.drive(4.0)
+        widths_m.append(np.ptp(estimate.placements[0].enclosure_m[0], axis=0))
     assert np.all(widths_m[0] < 0.1)
     assert np.all(widths_m[0] < widths_m[1]) and np.all(widths_m[1] < 0.5)

@@ -13,13 +13,14 @@ import pytest
 from sensing import anchors_at, new_localizer
 from shapes import check_form
 
-from dg_localization import Verdict
+from dg_localization import SolverOptions, Verdict
 from dg_localization.fleet.constraints.constrain import constrain
 from dg_localization.fleet.estimation import estimate_snapshot
 from dg_localization.fleet.frames.finders import fit_with_past
 from dg_localization.fleet.frames.plan import plan_frames
 from dg_localization.fleet.rotations import yaw_of
-from dg_localization.fleet.window.memory import NO_WINDOW
+from dg_localization.fleet.window.forgetting import CONFIRMING, Doubts
+from dg_localization.fleet.window.memory import NO_WINDOW, WORLD
 
 NOISE = 0.02
 TWO = anchors_at({'a': (-4.0, -3.0), 'b': (5.0, -3.0)})
@@ -321,3 +322,35 @@ def test_what_the_window_has_decided_needs_no_measurement():
     assert first.n_hypotheses == 4
     assert first.would_fix == ('range r0 - r3 or bearings would decide the reflection in r1, r2',)
     assert (last.n_hypotheses, last.would_fix) == (1, ())
+
+
+@pytest.mark.parametrize('least_listed', [None, 1])
+def test_one_listed_placement_is_the_one_that_is_left(least_listed):
+    """Also where only that one is looked at: a window that rules it out contradicts nothing."""
+    solver = SolverOptions(max_boxes=200, max_hypotheses=least_listed or 64)
+    rng = np.random.default_rng(9)
+    fleet = Circling(4, noise=0.01, max_hypotheses=1, max_age_s=1.0, solver=solver)
+    fleet.centers_m, fleet.rates = rng.uniform(-3.0, 3.0, (4, 2)), rng.uniform(0.2, 0.6, 4)
+    estimates = list(fleet.drive(12.0))
+    assert not any(estimate.forgotten for estimate in estimates)
+    assert all(len(estimate.placements) == 1 for estimate in estimates)
+    if not least_listed:
+        assert [estimates[k].n_hypotheses for k in (0, -1)] == [2, 1]
+
+
+PAIR = (WORLD, 0)
+MANY = np.arange(0.0, 100.0, 0.1)
+
+
+def test_measurements_that_agree_again_end_a_doubt():
+    doubts = Doubts()
+    assert doubts.settled(PAIR, MANY[MANY <= 5.0], 5.0, complete=True)
+    assert doubts.contradicted(PAIR, 6.0) == 5.0
+    assert doubts.robots == {0}
+    assert doubts.contradicted(PAIR, 7.0) == 5.0
+    newer_s = 7.0 + 0.1 * np.arange(1, CONFIRMING + 1)
+    assert not doubts.settled(PAIR, newer_s[:-1], 8.0, complete=True)
+    assert not doubts.settled(PAIR, newer_s, 8.0, complete=False)
+    assert doubts.settled(PAIR, newer_s, 8.0, complete=True)
+    assert doubts.robots == set()
+    assert doubts.contradicted(PAIR, 9.0) == 8.0

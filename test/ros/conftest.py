@@ -56,7 +56,6 @@ SEND_PERIOD_S = 0.1
 
 diagnostics_from_message = adapter_for('diagnostic_msgs/msg/DiagnosticArray').from_message
 poses_from_message = adapter_for('geometry_msgs/msg/PoseArray').from_message
-pose_from_message = adapter_for('geometry_msgs/msg/PoseWithCovarianceStamped').from_message
 
 
 @dataclass

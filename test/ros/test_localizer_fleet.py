@@ -7,7 +7,7 @@ from functools import partial
 import math
 import signal
 
-from heard_poses import assert_holds, half_widths_of, pose_from_message
+from estimates import assert_holds, half_widths_of, pose_from_message
 import numpy as np
 import pytest
 

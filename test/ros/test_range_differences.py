@@ -5,7 +5,7 @@
 
 import math
 
-from heard_poses import assert_holds, half_widths_of, pose_from_message
+from estimates import assert_holds, half_widths_of, pose_from_message
 import numpy as np
 
 from msg_adapters import Level, PeersReading
