@@ -15,9 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dg_localization.fleet import FixedFrame, FleetConfig, FrameKind, Placement
+from dg_localization.fleet import FixedFrame, FleetConfig, FrameKind, Placement, Snapshot
 from dg_localization.fleet.rotations import level_rotations, rotation_of_quaternion
-from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import OdometrySample
 
 FloatArray = NDArray[np.float64]

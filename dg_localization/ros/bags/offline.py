@@ -23,8 +23,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
-from dg_localization.fleet import Cancel, Estimate, Localizer
-from dg_localization.fleet.snapshot import Snapshot
+from dg_localization.fleet import Cancel, Estimate, Localizer, Snapshot
 from dg_localization.ros.bags.bag import NS_PER_S, Bag, BagError, in_seconds
 from dg_localization.ros.bags.reading import BagMessage, Reading
 from dg_localization.ros.bags.truth import read_truth

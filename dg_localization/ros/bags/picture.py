@@ -23,9 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.calibration.truth import FleetTruth
-from dg_localization.fleet import Estimate, FleetConfig, Placement
+from dg_localization.fleet import Estimate, FleetConfig, Placement, Snapshot
 from dg_localization.fleet.rotations import yaw_of
-from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.optional import install_hint
 from dg_localization.ros.bags.report import Sheet, Tree, parts
 from dg_localization.ros.executables import ExecutableError

@@ -8,8 +8,7 @@ from collections import defaultdict
 import numpy as np
 
 from dg_localization.calibration.truth import FleetTruth, TruePlacement
-from dg_localization.fleet import Estimate, FixedFrame, FrameKind, Group, Placement
-from dg_localization.fleet.snapshot import Snapshot
+from dg_localization.fleet import Estimate, FixedFrame, FrameKind, Group, Placement, Snapshot
 from dg_localization.ros.bags.report import Runs, Tree
 from dg_localization.ros.bags.truth import apart_text
 from dg_localization.solver.result import Verdict

@@ -217,15 +217,9 @@ class LocalizerNode(ManagedNode):
         began_s = time.perf_counter()
         estimate = self._localizer.estimate(snapshot, cancel)
         ended_s = time.perf_counter()
-        answer = self._with_messages(estimate)
-        return answer._replace(
-            motion=snapshot.motion,
-            estimate_s=ended_s - began_s,
-            messages_s=time.perf_counter() - ended_s,
-        )
-
-    def _with_messages(self, estimate: Estimate) -> TimedEstimate:
-        return TimedEstimate(estimate, tuple(estimate_messages(estimate, self.settings)))
+        messages = tuple(estimate_messages(estimate, self.settings))
+        spent_s = ended_s - began_s, time.perf_counter() - ended_s
+        return TimedEstimate(estimate, messages, snapshot.motion, *spent_s)
 
     def _on_warm(self, began_s: float, warm_up: Future[Any]) -> None:
         """Log how long the solver took to be ready; in the thread of the worker."""
@@ -370,7 +364,7 @@ class LocalizerNode(ManagedNode):
 
     def _no_estimate(self, reason: str) -> TimedEstimate:
         estimate = Estimate(self._clock_s(), self.settings.fleet.robots, None, reason)
-        return self._with_messages(estimate)
+        return TimedEstimate(estimate, tuple(estimate_messages(estimate, self.settings)))
 
     def _now_s(self) -> float | None:
         """Return the time, None before the first one of a simulation; forget all if it jumps."""
