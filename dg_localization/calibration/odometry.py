@@ -211,13 +211,8 @@ def fit_odometry(
     return fit
 
 
-@dataclass
-class LearnedOdometry:
-    """The bounds of odometry of all robots, None where none tells them, and those of each."""
-
-    of_all: OdometryErrorModel | None
-    of_robots: dict[str, OdometryErrorModel]
-    notes: list[str]
+ALL = ''
+"""The key of the bounds of all robots."""
 
 
 def learn_odometry(
@@ -226,9 +221,13 @@ def learn_odometry(
     tracks: Mapping[str, TrueTrack],
     choice: Choice,
     of_each: bool,
-) -> LearnedOdometry:
-    """Return the bounds of odometry of all robots and, or of those that need it, of each."""
-    learned = LearnedOdometry(None, {}, [])
+) -> tuple[dict[str, OdometryErrorModel], list[str]]:
+    """
+    Return the bounds of odometry by robot, and sentences on them; nothing where none tells any.
+
+    There are those of all robots, and those of each robot or of each that needs its own.
+    """
+    notes: list[str] = []
     found: dict[str, OdometryWindows] = {}
     for robot in filter(tracks.__contains__, sorted(odometry)):
         pieces = odometry[robot]
@@ -243,29 +242,30 @@ def learn_odometry(
             for piece in pieces
         )
         if len(pieces) > 1:
-            learned.notes.append(f'Odometry of {robot} started anew {len(pieces) - 1} times.')
+            notes.append(f'Odometry of {robot} started anew {len(pieces) - 1} times.')
         if len(windows.seconds) >= READINGS:
             found[robot] = windows
     if not found:
-        return learned
+        return {}, notes
+    models: dict[str, OdometryErrorModel] = {}
     for robot, windows in found.items():
         model = fit_odometry(windows, choice, fleet.odometry_error_of(robot))
-        learned.notes += _texts(robot, model, windows)
+        notes += _texts(robot, model, windows)
         # Errors that the file before states of one robot would be mixed with those of all.
         if of_each:
-            learned.of_robots[robot] = model
+            models[robot] = model
     together = OdometryWindows.joined(found.values())
-    model = learned.of_all = fit_odometry(together, choice, fleet.odometry_error)
-    learned.notes += _texts('all', model, together)
+    model = models[ALL] = fit_odometry(together, choice, fleet.odometry_error)
+    notes += _texts('all', model, together)
     for robot in filter(found.__contains__, fleet.robot_odometry_error):
-        learned.of_robots.setdefault(robot, model)
+        models.setdefault(robot, model)
     if others := [robot for robot in fleet.robots if robot not in found]:
         # What was learned of others would replace what was stated of these.
-        learned.of_robots |= {robot: fleet.odometry_error_of(robot) for robot in others}
-        learned.notes.append(
+        models |= {robot: fleet.odometry_error_of(robot) for robot in others}
+        notes.append(
             f'Nothing was learned of the odometry of {", ".join(others)}: it is as it was stated.'
         )
-    return learned
+    return models, notes
 
 
 def _texts(name: str, model: OdometryErrorModel, windows: OdometryWindows) -> Iterator[str]:

@@ -23,7 +23,7 @@ from dg_localization.calibration.bounds import (
     rounded_outward,
     shape_of,
 )
-from dg_localization.calibration.odometry import learn_odometry
+from dg_localization.calibration.odometry import ALL, learn_odometry
 from dg_localization.calibration.truth import range_errors_m
 from dg_localization.fleet import LinkKey, LinkKind, SensorBounds
 from dg_localization.ros.bags.bag import BagError
@@ -182,13 +182,12 @@ def fit(gatherer: Gatherer, recording: Recording, per: str, choice: Choice) -> L
             raise BagError('no input has five readings within a second: nothing can be learned')
         learned.notes += _limits_without_truth(gatherer)
         return learned
-    odometry = learn_odometry(gatherer.odometry, fleet, truth.tracks, choice, of_each=per != 'all')
-    if odometry.of_all is not None:
-        learned.odometry = bounds_of(odometry.of_all, 'odometry.')
-    learned.robot_odometry = {
-        robot: bounds_of(model, 'odometry.') for robot, model in odometry.of_robots.items()
-    }
-    learned.notes += odometry.notes
+    models, notes = learn_odometry(
+        gatherer.odometry, fleet, truth.tracks, choice, of_each=per != 'all'
+    )
+    bounds = {robot: bounds_of(model, 'odometry.') for robot, model in models.items()}
+    learned.odometry, learned.robot_odometry = bounds.pop(ALL, {}), bounds
+    learned.notes += notes
     if not (learned.judged or learned.odometry):
         raise BagError(
             "no reading has a ground truth at its time: check 'stamp_source', and the names. "
