@@ -8,7 +8,6 @@ A report is a dictionary of plain values, which is written as JSON. `parts` make
 tables of it, and these become Markdown or HTML.
 """
 
-from array import array
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,8 +15,10 @@ from datetime import timedelta
 import json
 import math
 import re
-from statistics import median_low
 from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
 
 from dg_localization.fleet import Estimate, LinkKind
 from dg_localization.ros.bags.offline import Recording
@@ -43,7 +44,7 @@ class Tally:
         self._hypotheses: Counter[int] = Counter()
         self._verdicts: Counter[str] = Counter()
         self._contradictions, self._forgotten, self._said = Runs(), Runs(), Runs()
-        self._widths_m = {robot: array('d') for robot in robots}
+        self._robots, self._widths_m = robots, list[NDArray[np.float64]]()
         # Of messages that differ in their numbers the first is shown.
         self._wording: dict[tuple[str, str], str] = {}
 
@@ -54,9 +55,7 @@ class Tally:
         self._hypotheses[estimate.n_hypotheses] += 1
         self._verdicts[estimate.verdict.value if estimate.verdict else 'none'] += 1
         for placement in estimate.placements:
-            sides_m = placement.enclosure_m[:, 1] - placement.enclosure_m[:, 0]
-            for robot, width_m in zip(estimate.robots, sides_m.max(axis=1), strict=True):
-                self._widths_m[robot].append(float(width_m))
+            self._widths_m.append(np.ptp(placement.enclosure_m, axis=1).max(axis=1))
         for forgotten in estimate.forgotten:
             self._forgotten.add(self.ticks, time_s, why=forgotten.text)
         # Inputs may contradict each other also where some could be dropped.
@@ -72,16 +71,16 @@ class Tally:
 
     def tree(self) -> Tree:
         """Return the sums; a width is None where most enclosures are not bounded, or none is."""
+        # The lower one of two: a finite and an infinite width have no mean.
+        of_none = [np.full(len(self._robots), np.inf)]
+        widths_m = np.percentile(self._widths_m or of_none, 50.0, axis=0, method='lower')
         return {
             'ticks': self.ticks,
             'ticks_by_hypotheses': _counts(self._hypotheses),
             'ticks_by_verdict': _counts(self._verdicts),
             'median_enclosure_width_m': {
-                # The lower one of two: a finite and an infinite width have no mean.
-                robot: width_m
-                if math.isfinite(width_m := median_low(found or [math.nan]))
-                else None
-                for robot, found in self._widths_m.items()
+                robot: width_m if math.isfinite(width_m) else None
+                for robot, width_m in zip(self._robots, widths_m.tolist(), strict=True)
             },
             'contradictions': self._contradictions,
             'forgotten': self._forgotten,
