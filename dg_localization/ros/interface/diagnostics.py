@@ -19,7 +19,7 @@ from dg_localization.ros.interface.parameters.settings import Settings
 from dg_localization.solver.result import Verdict
 from msg_adapters import Level, Status
 
-# The topics hold everything; the diagnostics show a person the first few.
+# Diagnostics list the first few only; the topics hold everything.
 LISTED = 8
 # A smaller fraction of the wanted rate is worth a warning.
 TOLERATED_RATE = 0.9
@@ -57,11 +57,11 @@ class Report:
     malformed : mapping of str to Malformed
         By topic, the messages that could not be read.
     wrong_types : mapping of Link to tuple of str
-        Inputs whose topic has endpoints of other types, with these types.
+        By input, the other types that its topic has.
     trouble : str
-        Why there can be no estimate, such as that the node is inactive; empty when there can.
+        Why there is no estimate, for example because the node is inactive; else empty.
     failure : str
-        What went wrong inside when the last estimate failed; empty when none did.
+        The internal error of the last estimate; empty if there was none.
     warnings : tuple of str
         What an operator must know beside the state of the estimate.
     rejecting : mapping of LinkKey to str
@@ -99,7 +99,7 @@ class Report:
 
 
 def robots_of(key: LinkKey) -> set[str]:
-    """Return the ends of a link; for a sensor, the robot that it is on."""
+    """Return the robots and anchors at the ends of a link; for a sensor, its robot."""
     return {name.partition('/')[0] for name in (key.observer, key.target)}
 
 
@@ -170,7 +170,7 @@ def _fleet_state(report: Report) -> tuple[Level, str]:
 
 
 def _too_wide(report: Report, estimate: Estimate, rows: Iterable[int]) -> Iterator[str]:
-    """Yield that one hypothesis is left, but leaves much room to some robots."""
+    """Yield a sentence if one hypothesis is left whose enclosures are wide."""
     if estimate.n_hypotheses != 1:
         return
     enclosures = estimate.placements[0].enclosure_m[list(rows)]
@@ -182,7 +182,7 @@ def _too_wide(report: Report, estimate: Estimate, rows: Iterable[int]) -> Iterat
 
 
 def _not_bounded(estimate: Estimate) -> Iterator[str]:
-    """Yield which robots are nowhere; those of groups are in frames of their own."""
+    """Yield which robots are not bounded, apart from those that a group places."""
     grouped = {robot for group in estimate.groups for robot in group.robots}
     bounded = [np.isfinite(one.enclosure_m).all(axis=(1, 2)) for one in estimate.placements]
     rows = np.flatnonzero(~np.all(bounded, axis=0))
@@ -192,7 +192,7 @@ def _not_bounded(estimate: Estimate) -> Iterator[str]:
 
 
 def _not_settled(estimate: Estimate) -> Iterator[str]:
-    """Yield why the placements do not settle where the fleet is."""
+    """Yield why the placements do not say where the fleet is."""
     if any(placement.dropped for placement in estimate.placements):
         yield 'contradicting inputs dropped'
     if estimate.n_hypotheses > 1:
@@ -269,7 +269,7 @@ def _robot_status(report: Report, row: int) -> Status:
 
 
 def _robot_values(placements: Sequence[Placement], row: int) -> dict[str, str]:
-    """Return where the first hypotheses have one robot, and its pose in the first of them."""
+    """Return the places of one robot in the first hypotheses, and its pose in the first."""
     values = {}
     if placements:
         values['position_m'] = ' '.join(f'{x:.2f}' for x in placements[0].positions_m[row])
@@ -314,7 +314,7 @@ def _robot_state(report: Report, row: int) -> tuple[Level, str]:
 
 
 def _quality(estimate: Estimate, row: int) -> dict[str, str]:
-    """Return how far a robot may be from its pose, typically and at most, and whom it hears."""
+    """Return how far a robot may be from its pose, typically and at most, and what it hears."""
     values = {}
     if estimate.n_hypotheses == 1:
         placement = estimate.placements[0]
@@ -358,7 +358,7 @@ def _input_statuses(report: Report) -> Iterator[Status]:
     unnamed = _without_topic(report)
     shown: set[LinkKey] = set()
     for link in (*report.links, *mistaken):
-        # All that the observer measured, or where messages name their observer, each of these.
+        # The peers of the observer of the link; of every observer where the messages name it.
         found = unnamed.get(link.key.observer, {}) if link.key.kind is LinkKind.PEERS else {}
         together = [one for key, one in found.items() if key.kind is LinkKind.PEERS]
         peers = {key: one for key, one in found.items() if key.kind is not LinkKind.PEERS}
@@ -375,7 +375,7 @@ def _input_statuses(report: Report) -> Iterator[Status]:
             what = Level.OK, 'sees nothing now'
         name = f'{link.key} by {link.topic}' if topics_of[link.key] > 1 else str(link.key)
         yield _status(report, name, link, what, state)
-        # Two cameras of a robot may see the same one.
+        # Two cameras of a robot may see the same peer.
         for key in sorted(peers.keys() - shown):
             shown.add(key)
             what = _input_state(report, key, peers[key], NONE_MALFORMED)
@@ -387,7 +387,7 @@ def _input_statuses(report: Report) -> Iterator[Status]:
 
 
 def _without_topic(report: Report) -> dict[str, dict[LinkKey, InputState]]:
-    """Return what has no topic of its own, by the observer of the link that it came by."""
+    """Return the states of inputs without a topic, by the observer of the link they came by."""
     with_topic = {link.key for link in report.links}
     found: dict[str, dict[LinkKey, InputState]] = defaultdict(dict)
     for key, state in report.inputs.items():

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Which of the topics that exist are inputs of the fleet, by the templates of their names."""
+"""Inputs of the fleet among the topics that exist, found by templates of their names."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -64,7 +64,7 @@ class Template:
         names = list(points)
         _, _, between, *_ = FIELD.split(self.text)
         if set(between) - set(''.join(names)):
-            # What no name contains tells where one ends and the other begins.
+            # A character that no name contains separates the two names.
             return
         ends_of: dict[str, tuple[str, str]] = {}
         for observer, target in permutations(names, 2):
@@ -123,7 +123,7 @@ def templates_from(
             template.check()
             template = template.resolved(resolve)
             template.check_names(points)
-            # With nothing in their braces equal, templates give the same topics.
+            # Templates that differ in the names of their fields only give the same topics.
             first = found.setdefault(FIELD.sub('{}', template.text), template)
             if first is not template:
                 raise ValueError(
@@ -151,7 +151,7 @@ class TopicFinder:
     wrong_types : dict of Link to tuple of str
         Inputs whose topic had endpoints of other types when it was last looked at.
     passed_over : list of Link
-        What templates give for topics that were new then, and explicit links replace.
+        Links of topics that were new then, which explicit links replace.
 
     """
 
@@ -162,7 +162,7 @@ class TopicFinder:
         self._points = frozenset(points)
         self._explicit = {link.topic: link for link in explicit}
         self._replaced = {link.key for link in self._explicit.values()}
-        # What the names of the topics mean that exist: that does not change, as their types do.
+        # By the name of each topic that exists: its types may change, its link does not.
         self._link_of: dict[str, Link | None] = {}
         self._found = set(self._explicit)
         self._n_unknown = 0

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Who the ids in the messages of drivers are, and where their cameras look."""
+"""Names of the ids in messages of drivers, and the matrices of their cameras."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 import re
@@ -13,14 +13,14 @@ from dg_localization.ros.interface.parameters.spec import refused
 from msg_adapters import CameraReading, IdentifiedReading, PixelReading
 
 LINE = re.compile(r'(?:"([^"]+)"|([^\s"]\S*))\s+([^\s"]+)')
-# What a table has for an id that stands for no robot or anchor.
+# Stands in a table for an id that is no robot and no anchor.
 IGNORED = '-'
 OTHER_UNKNOWN = 'other ids'
 
 
 def parse_ids(texts: Iterable[str]) -> dict[str, str]:
     """
-    Read a table of ids from its lines: ``ID NAME``, with ``-`` for an id that stands for nobody.
+    Read a table of ids from its lines: ``ID NAME``, with ``-`` for an id that is to be ignored.
 
     An id with blanks, such as a class of a detector, stands in double quotes:
     ``"potted plant" -``. A wrong line and an id that occurs twice raise ValueError.
@@ -39,7 +39,7 @@ def parse_ids(texts: Iterable[str]) -> dict[str, str]:
 
 
 def ids_from(values: Mapping[str, Any], points: Sequence[str]) -> dict[str, str]:
-    """Return who the ids in messages are."""
+    """Return the names that ids in messages stand for."""
     with refused("parameter 'ids': "):
         ids = parse_ids(filter(None, values['ids']))
         for name in ids.values():
@@ -70,7 +70,7 @@ class Identities:
         self._unknown: set[str] = set()
 
     def observer(self, link: Link, observer_id: str) -> str:
-        """Return who measured; raise ValueError where link and message do not agree or say who."""
+        """Return the observer; raise ValueError if link and message do not name the same one."""
         named = link.key.observer
         name = self._names.get(observer_id, IGNORED) if observer_id else named
         if name == ANY_OBSERVER:
@@ -85,7 +85,7 @@ class Identities:
         return name
 
     def targets(self, reading: IdentifiedReading) -> Iterator[tuple[int, str]]:
-        """Yield the row and the name of each target that is not to be passed over."""
+        """Yield the row and the name of each target that is not ignored."""
         for row, target_id in enumerate(reading.target_ids):
             name = self._names.get(target_id) or self._unknown_name(target_id)
             if name != IGNORED:

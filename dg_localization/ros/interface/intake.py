@@ -49,10 +49,11 @@ ROWS_PER_POINT = 2
 MOST_CHARACTERS = 300
 # The last field of sensor_msgs/Range, in single precision.
 VARIANCE_BYTES = 4
-# How far back, and from how many on, rejections say that something is wrong with an input.
+# An input has a warning if it rejected at least this many readings over this time.
 REJECTING_S = 10.0
 LEAST_REJECTED = 5
-# A sensor that is at work rejects these, and strangers are warned of one by one.
+# Readings of a sensor that works are rejected for these reasons, and unknown points have warnings
+# of their own.
 HARMLESS = {
     RejectionReason.NAN,
     RejectionReason.NOTHING_IN_RANGE,
@@ -62,7 +63,7 @@ HARMLESS = {
 
 
 def shortened(text: str) -> str:
-    """Return a text that quotes others, cut to a length that people read."""
+    """Return a text cut to a length that people read."""
     return text if len(text) <= MOST_CHARACTERS else f'{text[: MOST_CHARACTERS - 4]} ...'
 
 
@@ -90,7 +91,7 @@ class Intake:
     ids : mapping of str to str, optional
         The names that ids in messages stand for.
     is_simulated : bool, optional
-        Whether the time comes by messages, which may be later than those that they date.
+        Whether the time comes from /clock, whose messages may arrive after those they date.
 
     Attributes
     ----------
@@ -132,11 +133,11 @@ class Intake:
             reading = self._read(link, data)
             arrived_s = now_s if arrived_s is None else arrived_s
             stamp_s = reading.stamp_s if self._use_header_stamp else arrived_s
-            # Zero is no stamp, and none after a correction.
+            # Zero is no stamp, and must stay so.
             if link.stamp_offset_s and stamp_s != 0.0:
                 stamp_s += link.stamp_offset_s
             if self._is_simulated and isinstance(stamp_s, float):
-                # /clock may come after what it dates: such a stamp does not prove a clock wrong.
+                # /clock may arrive after the messages that it dates, so this clock is not wrong.
                 if 0.0 < stamp_s - now_s <= self._localizer.config.max_future_s:
                     now_s = stamp_s
             return self._add(link, reading, stamp_s, now_s)
@@ -192,7 +193,7 @@ class Intake:
         kept = [row for row, _ in rows]
         rays_xyz, ranges_m = link.turned(reading.rays_xyz[kept]), reading.ranges_m[kept].tolist()
         has_rays = np.any(~np.isnan(rays_xyz), axis=1).tolist()
-        # All rows before the first: a message that cannot be read must not be taken in part.
+        # All rows are read before any is taken: a message must not be taken in part.
         readings = list(self._differences(reading)) if isinstance(reading, PeersReading) else []
         has_others = bool(readings)
         for (_, name), range_m, ray_xyz, has_ray in zip(
@@ -209,7 +210,7 @@ class Intake:
     def _targets(
         self, link: Link, reading: PeersReading | IdentifiedReading
     ) -> tuple[str, list[tuple[int, str]]]:
-        """Return who measured, and the row and the name of everyone who was measured."""
+        """Return the observer, and the row and the name of each target."""
         if isinstance(reading, PeersReading):
             rows = list(enumerate(map(self._name_of, reading.peers.tolist())))
             if not len(rows) == len(reading.ranges_m) == len(reading.rays_xyz):
@@ -277,7 +278,7 @@ def _harmful(state: InputState) -> int:
 
 
 def _deserialized(data: bytes, message_class: type) -> Any:
-    """Return a message; a `Range` without the last field, which Iron added, is named."""
+    """Return a message; the error for a `Range` of before Iron says what is missing."""
     try:
         return deserialize_message(data, message_class)
     except Exception:

@@ -69,9 +69,9 @@ STAMP_OFFSET = 'stamp_offset'
 
 class InputKind(NamedTuple):
     """
-    A kind of input: the type of its topics, where there is a template of these, and what is said.
+    A kind of input: the type of topics that a template names, and the fields of the template.
 
-    `fields` stand in braces in a template. Links may state `bounds` of their own.
+    Links of the kind may state `bounds` of their own.
     """
 
     template_type: str
@@ -233,7 +233,7 @@ def check_topic(topic: str) -> None:
 
 
 def stated_offset(values: Mapping[str, Any], kind: LinkKind) -> dict[str, float]:
-    """Return what links of a kind override where they do not say it themselves."""
+    """Return the overrides of links of a kind that do not state them."""
     offset_s = values.get(f'{kind}.{STAMP_OFFSET}', 0.0)
     return {STAMP_OFFSET: offset_s} if offset_s else {}
 
@@ -260,14 +260,14 @@ def links_from(values: Mapping[str, Any], resolve: Callable[[str], str]) -> tupl
                 raise ValueError(f"topic '{topic}' is named twice, it can carry one link only")
         for key, count in Counter(link.key for link in links).items():
             if key.kind is LinkKind.ODOMETRY and count > 1:
-                # Steps from a pose of one to a pose of the other are no steps of the robot.
+                # The robot does not move from a pose of one source to a pose of the other.
                 text = f"the odometry of '{key.observer}' is named {count} times, not once"
                 raise ValueError(text)
     return tuple(links)
 
 
 def check_links(links: Iterable[Link], fleet: FleetConfig) -> None:
-    """Refuse links with bounds that are none, and between two points of one robot."""
+    """Refuse links with invalid bounds, and links between two points of one robot."""
     for link in links:
         with refused(f"parameter 'links': the bounds of '{link.topic}' are not allowed: "):
             link.bounds_within(fleet.sensor_bounds)

@@ -36,7 +36,7 @@ from msg_adapters.poses import pose_array_to_cdr, uncertain_pose_to_cdr
 # All are reliable, as profiles are by default.
 RELIABLE = QoSProfile(depth=10)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-# As tf2 publishes and listens.
+# The profile of tf2.
 DYNAMIC = QoSProfile(depth=100)
 
 # Longest wait for subscribers, at the end of the node.
@@ -203,7 +203,7 @@ def _link_color(link: LinkState) -> NDArray[np.float64]:
 def _names(estimate: Estimate) -> Iterator[Marker]:
     """Yield the name of each point, once where placements have it at about the same place."""
     names = (*estimate.robots, *estimate.landmarks)
-    # Beside the point for those who look from above, and above it for the others.
+    # Beside the point as seen from above, and above it as seen from the side.
     offset = np.array([0.0, ROBOT_DIAMETER_M, ROBOT_DIAMETER_M])
     placed_m = np.reshape([_points(one) for one in estimate.placements], (-1, len(names), 3))
     for number, points_m in enumerate(placed_m):
@@ -259,10 +259,10 @@ class Publishers:
 
 class DiagnosticsStream:
     """
-    Makes messages of diagnostics, of those that are to be published.
+    Makes messages of the diagnostics that are to be published.
 
-    Diagnostics of before are repeated only at regular times; others are new where a level or a
-    message differs, apart from numbers that change all the time.
+    Diagnostics that have not changed are repeated only at regular times. A change is another
+    level, or a message that differs in more than decimal numbers and counts.
     """
 
     def __init__(self) -> None:

@@ -124,7 +124,7 @@ LONGEST_FRAME_ID = 255
 
 
 def usable_frame_id(name: str) -> str:
-    """Return the name of a frame that a message states; empty where it is not fit to publish."""
+    """Return the name of a frame in a message; empty where it cannot be published."""
     # tf2 has no names with a slash at the beginning; ROS 1 had.
     return name.removeprefix('/') if len(name) <= LONGEST_FRAME_ID and name.isprintable() else ''
 
@@ -192,7 +192,7 @@ def transforms(
                 continue
             body_m, turn = body
             if estimate.placements[0].positions_m.shape[1] == 2:
-                # The plane is that of the odometry frame: a robot on a ramp does not tilt it.
+                # The odometry frame stays level, also while the robot is on a ramp.
                 body_m, turn = body_m * (1.0, 1.0, 0.0), level_rotations(turn[None])[0]
             rotation = rotation @ turn.T
             position_m = position_m - rotation @ body_m

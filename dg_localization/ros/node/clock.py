@@ -64,7 +64,7 @@ class NodeTime:
         back_s = max(0.0, self._last_s - now_s)
         missing_s = self._last_s + passed_s - now_s
         if back_s == 0.0 and missing_s > LEAST_SET_BACK_S and not self._is_simulated:
-            # So much passed at least: it was set back by less than since the last call.
+            # The clock was set back, by less than the time since the last call.
             back_s = missing_s
         if back_s > 0.0:
             self._begun_at_s = self._steady_s()
@@ -77,10 +77,10 @@ class NodeTime:
 
     def arrived_s(self, waited_s: float) -> float | None:
         """
-        Return when that arrived which has waited for some real time before the last call of `now`.
+        Return when a message arrived that had waited for some real time at the last call of `now`.
 
-        None where that was before the time jumped back: it must not look new. How much of a
-        simulated time has passed is not known: it is that of the last call.
+        None if that was before the time jumped back: the message must not look new. How much of a
+        simulated time has passed is not known, so the time is that of the last call.
         """
         if self._steady_s() - waited_s < self._begun_at_s:
             return None
@@ -114,12 +114,12 @@ class Pace:
     wanted_hz : float
         The rate that is wanted.
     limit_s : float, optional
-        From when on the solver tightens nothing in any case, in s.
+        After this time the solver never tightens, in s.
 
     Attributes
     ----------
     tighten_s : float
-        From when on the next estimate is to tighten nothing any more, in s.
+        After this time the next estimate is not to tighten, in s.
 
     """
 

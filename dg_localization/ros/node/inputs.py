@@ -174,7 +174,7 @@ class Inputs:
     def _subscribe(self, link: Link, qos: QoSProfile = SENSOR_DATA) -> None:
         qos = copy(qos)
         qos.depth *= self._n_robots if link.key.observer == ANY_OBSERVER else 1
-        # Raw: a message that is too long must not be decoded, nor one that cannot be raise here.
+        # Raw: a message that is too long must not be decoded, and decoding must not raise here.
         self._subscriptions[link] = self._node.create_subscription(
             adapter_for(link.type_name).message_class(),
             link.topic,

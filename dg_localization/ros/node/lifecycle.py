@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a node has beside its work: states, a bond, parameters that change, and a log."""
+"""States of a managed node, its bond, parameters that change while it runs, and its log."""
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -106,7 +106,7 @@ class ManagedNode(LifecycleNode):
 
     @transition
     def on_error(self) -> None:
-        """Go back to where nothing is made."""
+        """Take everything apart."""
         self._state = 'unconfigured'
         self._dismantle()
 
@@ -191,7 +191,7 @@ class LiveParameters:
     ) -> tuple[dict[str, Any], dict[str, Any], Settings]:
         """Return the wanted values, the present ones, and the settings of these."""
         changes = {} if self._is_declaring else {one.name: one.value for one in parameters}
-        # Without those of names that are gone.
+        # Parameters of points that are gone are left out.
         wanted = check_values({**self._wanted, **changes}, refuses_unknown=False)
         if settings_from(wanted, self._node.resolve_topic_name).publish_tf:
             transform_output()
@@ -204,7 +204,7 @@ class LiveParameters:
 
 class FleetLog:
     """
-    Logs the status of the fleet when it becomes another one for more than a moment.
+    Logs the status of the fleet when it changes for more than a moment.
 
     Parameters
     ----------
@@ -219,7 +219,7 @@ class FleetLog:
         self._looks = LOOKS_BETWEEN
 
     def look(self, status: Status) -> None:
-        """Log a status that is another one than was logged last, and that was seen last, too."""
+        """Log a status that was seen twice in a row and differs from the one logged last."""
         found = BEGINNING.match(status.message)
         state = status.level, found.group() if found else ''
         lasts, self._seen = state == self._seen, state

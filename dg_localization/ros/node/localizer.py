@@ -64,7 +64,7 @@ CLOCK = '/clock'
 
 
 class TimedEstimate(NamedTuple):
-    """An estimate, its serialized messages, the motion that it is to, and how long it took."""
+    """An estimate, its serialized messages, the motion of its snapshot, and how long it took."""
 
     estimate: Estimate
     messages: tuple[tuple[str, bytes], ...]
@@ -169,7 +169,7 @@ class LocalizerNode(ManagedNode):
     def _keep_pace(self) -> None:
         rate_hz, fleet = self.settings.rate_hz, self.settings.fleet
         self._rate, self._pace = RateMeter(rate_hz), Pace(rate_hz, fleet.solver.tighten_seconds)
-        # By its limits.
+        # The sum of its limits.
         self._longest_estimate_s = fleet.solver.max_seconds + fleet.memory_max_seconds
         self._longest_estimate_s += fleet.max_conflict_seconds
 
@@ -197,8 +197,8 @@ class LocalizerNode(ManagedNode):
             text = shortened(f'{link.topic}: {rejection}')
             self.get_logger().warning(text, **at_most_every())
         if self._worker.busy_s > self._longest_estimate_s:
-            # More messages than can be taken must not starve the estimate that they are for: it
-            # gets the interpreter for as long as a message took, or as one may wait.
+            # Where more messages arrive than can be taken, the estimate still gets the interpreter
+            # for as long as each message took, or as one may wait.
             time.sleep(min(BATCH_S, time.monotonic() - began_s))
 
     def _on_tick(self) -> None:
@@ -249,7 +249,7 @@ class LocalizerNode(ManagedNode):
             self._failure = ''
             self._publish(answer)
             if self._is_due:
-                # To wait for the next tick would halve the rate of what takes a little longer.
+                # Waiting for the next tick would halve the rate where estimates are a little late.
                 self._on_tick()
 
     def _publish(self, answer: TimedEstimate) -> None:
@@ -272,7 +272,7 @@ class LocalizerNode(ManagedNode):
         self._diagnostics.publish(self._stream.messages(self._diagnose(), is_regular=False))
 
     def _publish_transforms(self, estimate: Estimate, motion: Motion) -> None:
-        """Publish where the robots are, if that is known; silence says that it is not."""
+        """Publish the transforms of the robots, if there are any."""
         links = self._inputs.links if self._inputs is not None else ()
         awaited = {link.key.observer for link in links if link.key.kind is LinkKind.ODOMETRY}
         found = transforms(
@@ -368,7 +368,7 @@ class LocalizerNode(ManagedNode):
 
     def _now_s(self) -> float | None:
         """Return the time, None before the first one of a simulation; forget all if it jumps."""
-        # As where a bag loops, a simulation restarts or a clock is set; any callback may see it.
+        # Any callback may be the first to see that a bag loops or that a clock is set back.
         now_s, back_s = self._time.now()
         if back_s > 0.0:
             self._forget(f'time jumped back by {back_s:.3f} s')
@@ -377,7 +377,7 @@ class LocalizerNode(ManagedNode):
 
 def main(args: Sequence[str]) -> int:
     """Run the node until a signal; return the exit code."""
-    # A second signal does not wait for a clean end, and must not wait for the worker either.
+    # A second signal interrupts the clean end, and must not wait for the worker either.
     with suppress(KeyboardInterrupt):
         spin(partial(LocalizerNode, load=load_for_good), args, USAGE)
     return exit_code_despite_worker(0)

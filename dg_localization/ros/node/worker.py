@@ -126,7 +126,7 @@ def exit_code_despite_worker(code: int) -> int:
     Return `code`, or end the process with it when a worker's thread is still running.
 
     The interpreter waits for all threads at its end. The first warm-up of an installation
-    compiles the kernels for minutes, longer than anybody waits after a signal.
+    compiles the kernels for minutes, which is too long after a signal.
     """
     if any(thread.name.startswith(THREAD_NAME) for thread in running_threads()):
         sys.stdout.flush()
@@ -137,10 +137,10 @@ def exit_code_despite_worker(code: int) -> int:
 
 def load_for_good() -> None:
     """
-    Load the kernels, and leave all there is then out of collections of garbage.
+    Load the kernels, and keep the objects that exist then out of garbage collections.
 
-    A collection looks at everything that numba has made, every few seconds for about 0.1 s in
-    which no answer goes on. Nothing of it ends before the process.
+    A collection visits all objects of numba, which stops an answer for about 0.1 s every few
+    seconds. These objects live as long as the process.
     """
     warm_up()
     gc.collect()

@@ -45,7 +45,7 @@ LIFETIME_PERIODS, LIFETIME_S = 3.0, 1.0
 # How wide the comments in a file of parameters are.
 WIDTH = 98
 
-# By the parameter that lists them, what names look like.
+# The form of names, by the parameter that lists them.
 NAMES = {'robots': ANY_NAME, 'anchors.names': ANY_NAME, 'elevations.names': '.*'}
 NAMES |= {'mounts.names': f'{ANY_NAME}/{ANY_NAME}'}
 
