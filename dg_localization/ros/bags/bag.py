@@ -6,8 +6,8 @@ A rosbag2, open for reading: its topics and what is wrong with it.
 
 A bag is read twice: first to learn what it holds and whether it is whole, then for the messages.
 A file is read from its beginning to its end, by the package mcap or by SQLite. The index of an
-.mcap is not used: one that is damaged hides messages without a word. An .mcap has checksums where
-the recorder wrote them, and they are checked. The bytes in a .db3 cannot be checked.
+.mcap is not used: a damaged one hides messages without an error. The checksums of an .mcap are
+checked where the recorder wrote them. A .db3 has none.
 
 Of metadata.yaml only the names of the files and the numbers of messages are used, so that a bag
 with broken metadata is read as well.
@@ -30,10 +30,10 @@ from msg_adapters.headers import NS_PER_S, message_class
 
 # Stamps have 32 bits for the seconds.
 END_OF_ROS_TIME_NS = 2**31 * NS_PER_S
-# How many messages of a topic show by which definition they were written.
+# How many messages of a topic are tried to find the definition that they were written by.
 SAMPLES = 20
-# The recorder hands over messages in the order of callbacks, not of their receive times, and a
-# file of a split bag ends among them.
+# The recorder writes messages in the order of its callbacks, not of their receive times, also
+# across the files of a split bag.
 OUT_OF_ORDER_NS = NS_PER_S
 TYPE_NAME = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Za-z][A-Za-z0-9]*')
 STORAGE_FILE = re.compile(r'.*\.(mcap|db3)(\.zstd)?')
@@ -58,7 +58,7 @@ class RawMessage(NamedTuple):
 
 
 def read_file(path: Path, damage: list[str]) -> Iterator[RawMessage]:
-    """Yield the records up to the first damage that hides the next; add what is wrong."""
+    """Yield the records until damage hides the rest; add sentences on the damage."""
     try:
         yield from _read_mcap(path) if path.suffix == '.mcap' else _read_sqlite(path, damage)
     except Exception as error:  # the parsers may raise anything on damaged bytes
@@ -83,7 +83,7 @@ def _read_mcap(path: Path) -> Iterator[RawMessage]:
                 known[record.id] = _channel_of(record, schemas.get(record.schema_id))
                 yield RawMessage(known[record.id])
             elif isinstance(record, DataEnd):
-                # What follows repeats it for the index.
+                # The index follows.
                 return
 
 
@@ -200,7 +200,7 @@ class Bag:
     reorder_ns : int
         By how much a message may be earlier than one before it.
     notices, damage : list of str
-        What there is to say of it, and what is wrong with it, a sentence each.
+        Sentences on what was noticed, and on what is wrong with the bag.
 
     Raises
     ------
@@ -224,7 +224,7 @@ class Bag:
             raise BagError(f'{path} cannot be read: {error.strerror or error}') from error
 
     def _files(self) -> list[Path]:
-        """Return the files of the bag that hold messages; all where metadata.yaml is no help."""
+        """Return the files that metadata.yaml names, or all files of messages without it."""
         path = self.path
         for package in ('rosbags', 'mcap'):
             if find_spec(package) is None:
@@ -252,7 +252,7 @@ class Bag:
         return named or files
 
     def _metadata(self) -> tuple[set[str], dict[str, int]] | None:
-        """Return which files and how many messages of a topic metadata.yaml names, if it can."""
+        """Return the files and the numbers of messages by topic in metadata.yaml, if usable."""
         from ruamel.yaml import YAML
 
         try:
@@ -269,7 +269,7 @@ class Bag:
         return names, counts
 
     def _unpacked(self, path: Path, folder: Path) -> Path:
-        """Return a file of its own for one that is compressed as a whole."""
+        """Return a file, unpacked first where it is compressed as a whole."""
         if path.suffix != '.zstd':
             return path
         import zstandard
@@ -356,7 +356,7 @@ class Bag:
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
-    """Open a bag for a block; where that cannot go on, all that is wrong with the bag is said."""
+    """Open a bag for a block; add the damage of the bag to an error of the block."""
     print_line(f'reading {path}')
     with TemporaryDirectory() as folder:
         bag = Bag(path, Path(folder))

@@ -45,12 +45,12 @@ GROUPS = ('link', 'sensor', 'all')
 UNITS = {LinkKind.RANGE: 'm', LinkKind.BEARING: 'rad'}
 # Readings of one link that are nearer in time are named together; at most `NAMED` times are named.
 GAP_S, NAMED = 1.0, 20
-# The delays that are told, over which time distances are seen to change, and which share of the
-# variance of the errors a delay must explain.
+# The delays that can be found, the time over which the change of a distance is computed, and the
+# share of the variance of the errors that a delay must explain.
 DELAYS_S, STEP_S, EXPLAINED = (0.02, 1.0), 0.05, 0.5
 
 
-# Latencies, gaps and tilts of odometry are not seen, nor which readings of a radio are none.
+# A bag does not show latencies, gaps and tilts of odometry, nor which readings are invalid.
 NOT_LEARNED = {'latency', 'max_gap', 'restart_gap', 'tilt'}
 NOT_LEARNED |= {'beyond_max_is_far', 'min_reading', 'max_reading'}
 
@@ -65,7 +65,7 @@ class GroupFit(NamedTuple):
     excluded : int
         How many of its readings they do not hold.
     text : str
-        What was seen and what that is worth.
+        What was seen, and how well it supports the bounds.
 
     """
 
@@ -118,7 +118,7 @@ class LearnedBounds:
         return self.groups.get(kind, {}).get(EVERYTHING)
 
     def is_judged(self, kind: LinkKind, pair: Pair) -> bool:
-        """Return whether there was a range or a bearing of a link, or of its peers, to judge."""
+        """Return whether a link, or one of its peers, had a range or a bearing to learn from."""
         observer, target = pair
         return any(
             key.kind is kind
@@ -219,7 +219,7 @@ def _stated(gatherer: Gatherer, kind: LinkKind, pair: Pair) -> SensorBounds:
 def _known_group(
     kind: LinkKind, one: Errors, choice: Choice, shape: ErrorShape, dimension: int
 ) -> GroupFit:
-    """Return the bounds of readings whose errors are known, and how well a half tells them."""
+    """Return bounds for known errors, and how many readings those of the first half exclude."""
 
     def learn(part: Errors, is_half: bool = False) -> SensorBounds:
         if kind is LinkKind.BEARING:
@@ -373,7 +373,7 @@ def broken_bounds(gatherer: Gatherer, errors: Mapping[LinkKey, Errors]) -> list[
                 )
                 found.append((float(times_s[0]), text))
     found.sort()
-    # The truth is that of the stamp: a robot that moves is elsewhere when a clock is wrong.
+    # The truth is taken at the stamp, and is that of another place if the clock is wrong.
     condition = ', if stamps are right' if gatherer.config.stamp_error_s > 0.0 else ''
     sentences = [f'{text}{condition}.' for _, text in found[:NAMED]]
     if len(found) > NAMED:

@@ -42,7 +42,7 @@ from dg_localization.ros.spinning import own_arguments
 
 
 def collect(task: Task, recording: Recording) -> Gatherer:
-    """Return the readings of a bag; print what is not learned of."""
+    """Return the readings of a bag; print which messages nothing is learned of."""
     gatherer, rejected = Gatherer(task.settings.fleet), Counter[str]()
     intake = Intake(gatherer, task.settings.use_header_stamp, task.settings.ids)
     for message in recording.reading.shown():
@@ -91,7 +91,7 @@ def main(args: Sequence[str]) -> int:
         choice = Choice(options.keep, options.margin)
         learned = fit(gatherer, recording, options.per, choice)
         text = as_yaml(learned, links, options.bag.resolve().name, task.settings.fleet)
-    # The node's own checks read the parameters that are to be printed.
+    # The parameters have to pass the checks of the node before they are printed.
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / 'bounds.yaml'
         path.write_text(text, encoding='utf-8')
@@ -150,7 +150,7 @@ def _learned(fit: LearnedBounds, kind: LinkKind, link: Link, fleet: FleetConfig)
     stated = {name: value for name, value in link.overrides.items() if name in KINDS[kind].bounds}
     if group is None or (group is fit.of_all(kind) and not stated):
         return {}
-    # What it left to the bounds of all was that of the file before.
+    # What a link does not state, the bounds of all in the file before stated.
     whole = {**_of_fleet(kind, fleet), **stated}
     if _is_as_stated(fit, kind, link):
         return whole

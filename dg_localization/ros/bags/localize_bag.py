@@ -192,7 +192,7 @@ def _localize(folder: Path, arguments: Sequence[str], running: list[Any]) -> Tre
     """Localize one bag in a process of its own; return exit code, report and error."""
     folder.mkdir()
     report = folder / REPORT
-    # In a session of its own Ctrl-C does not reach it twice, which would end it at once.
+    # In a session of its own it gets Ctrl-C only once: a second signal ends it at once.
     process = subprocess.Popen(
         [sys.executable, '-m', 'dg_localization.ros', 'localize_bag', *arguments],
         stdout=subprocess.DEVNULL,
@@ -203,7 +203,7 @@ def _localize(folder: Path, arguments: Sequence[str], running: list[Any]) -> Tre
     running.append(process)
     _, errors = process.communicate()
     said = ''.join(errors.strip().splitlines()[-1:])
-    # One that a signal ended has a negative code.
+    # The code of a process that a signal ended is negative.
     code = process.returncode if process.returncode >= 0 else EXIT_FAILED
     found = json.loads(report.read_text(encoding='utf-8')) if report.exists() else None
     is_told = found and (not code or found['ending'] or found['damage'])
@@ -247,7 +247,7 @@ def _cells(outcome: Tree) -> list[Any]:
 
 
 def _get_solver_ready() -> None:
-    """Load the kernels, or compile them in sight: that takes minutes, and a signal ends it."""
+    """Load the kernels, or compile them for minutes and say so; a signal ends it."""
     warm_up(print_line)
     for warning in solver_warnings():
         print_line(warning)

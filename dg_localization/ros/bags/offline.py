@@ -83,7 +83,7 @@ def read_task(params: Path, arguments: Sequence[str]) -> Task:
 
 @contextmanager
 def _hidden_localizer(params: Path, arguments: Sequence[str]) -> Iterator[Node]:
-    """Make a node of the name of the localizer that no fleet at work sees, for its parameters."""
+    """Make a node with the name of the localizer for its parameters, hidden from other nodes."""
     context, before = Context(), os.environ.get(DISCOVERY)
     with ExitStack() as made:
         made.callback(os.environ.update, {} if before is None else {DISCOVERY: before})
@@ -161,12 +161,12 @@ class Recording:
 
     @property
     def notices(self) -> list[str]:
-        """A sentence for each input that cannot be read, and on what else there is to say."""
+        """Sentences on inputs that cannot be read, and on what else was noticed."""
         return list(dict.fromkeys(self._notices))
 
     @property
     def damage(self) -> list[str]:
-        """What is wrong with the bag; an input that is a truth, too, is read twice."""
+        """What is wrong with the bag, each once: a topic may be read as input and as truth."""
         return list(dict.fromkeys((*self.reading.damage, *self._truth.damage)))
 
 
@@ -196,7 +196,7 @@ class BagWriter:
             self._writer.abort()
             shutil.rmtree(self._path, ignore_errors=True)
         else:
-            # On a full disk the end cannot be written either; what is there is left as it is.
+            # On a full disk the end of the file cannot be written either.
             with suppress(OSError):
                 self._writer.close()
 
@@ -281,7 +281,7 @@ class BagLocalizer:
         )
         diagnostics = Diagnostics(now_s, statuses(report))
         for status in diagnostics.statuses:
-            # It depends on the machine.
+            # This value depends on the machine.
             status.values.pop('solve_s', None)
         # As the node does, on a change and every second.
         before, self._second = self._second, time_ns // NS_PER_S

@@ -128,7 +128,7 @@ class AnswerPicture:
             return placement.positions_m, low, high
         orientations, half_widths_rad = placement.best_headings
         yaws_rad = np.array([yaw_of(one) for one in orientations])
-        # Where nothing is known of a heading, all of its panel is within the bounds.
+        # The bounds of an unknown heading fill its panel.
         middle_rad = np.where(np.isfinite(yaws_rad), yaws_rad, 0.0)
         return (
             np.column_stack([placement.positions_m, yaws_rad]),
@@ -229,7 +229,7 @@ class AnswerPicture:
             panel.add_collection(bands)
         panel.plot(times_of_all_s, best, '.', color=_color(row), markersize=2.5)
         if is_angle:
-            # A line from pi to -pi would be no truth.
+            # No line is drawn where the heading wraps from pi to -pi.
             true[1:][np.abs(np.diff(true)) > math.pi] = np.nan
         panel.plot(times_s, true, color='black', linewidth=0.9)
         for before, after in pairwise(moment for moment in self._moments if moment.frame):
@@ -255,7 +255,7 @@ class AnswerPicture:
 
 
 def _limits(values: FloatArray, ends: FloatArray) -> tuple[float, float]:
-    """Return the ends of an axis: it has all values that are known, and most ends of bounds."""
+    """Return the ends of an axis, which shows all known values and most bounds."""
     ends = ends[np.isfinite(ends)]
     values = np.append(values, np.percentile(ends, [2.0, 98.0]) if len(ends) else [])
     values = values[np.isfinite(values)] if np.isfinite(values).any() else np.zeros(1)

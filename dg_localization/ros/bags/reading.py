@@ -168,7 +168,7 @@ class Reading:
 
 
 def converter(topic: Topic) -> Callable[[bytes], bytes] | None:
-    """Return what makes recorded bytes those of the installed type; None where none fits."""
+    """Return the conversion of recorded bytes to the installed type; None where none fits."""
     (name,) = topic.type_names
     installed = _typestore('JAZZY')
     if name not in installed.types:
@@ -185,7 +185,7 @@ def converter(topic: Topic) -> Callable[[bytes], bytes] | None:
 
     recorded = _recorded(topic.channels[0], name)
     stores = [recorded] if recorded else [_typestore(one) for one in DISTRIBUTIONS]
-    # The first of those that fit the most: some samples may be damaged.
+    # The definition that reads the most samples: some may be damaged.
     best = max((s for s in stores if _is_known(s, installed, name)), key=n_fitting, default=None)
     return _conversion(best, name) if best and n_fitting(best) else None
 
