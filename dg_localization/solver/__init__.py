@@ -4,8 +4,8 @@
 """
 Interval distance geometry without ROS and without I/O.
 
-``problem``, ``options``, ``result``, ``solve``: what a user states and gets. ``box``: the one data
-structure of a search. ``decompose``: the rigid pieces of a fleet. ``contract``: the contractors,
-and their fixed point. ``search``: branch and prune, splitting, tightening. ``place``: placements,
-their proofs, hypotheses. ``assemble``: from the answers of the pieces to that of the fleet.
+``problem``, ``options``, ``result``, ``solve``: the public interface. ``box``: the data structure
+of a search. ``decompose``: the rigid pieces of a fleet. ``contract``: the contractors and their
+fixed point. ``search``: branch and prune, splitting, tightening. ``place``: placements, proofs,
+hypotheses. ``assemble``: the answer of a fleet from the answers of its pieces.
 """

@@ -11,13 +11,13 @@ from numbers import Integral, Real
 from typing import Protocol
 
 LARGEST_RESOLUTION_M = 1e154
-"""Its square is a number of double precision."""
+"""The square of a larger number overflows."""
 
 
 @dataclass(frozen=True)
 class SolverOptions:
     """
-    How far the solver goes.
+    The resolution and the limits of the solver.
 
     Parameters
     ----------
@@ -29,8 +29,8 @@ class SolverOptions:
         Most time to spend, in seconds.
     tighten_seconds : float
         Until this time of a call, in seconds, linear programs narrow the bounds of finished boxes;
-        0 leaves them as they are. Hypotheses of the whole fleet, which are built when they are
-        asked for, have as much time again.
+        0 switches that off. Hypotheses of the whole fleet, which are built on demand, have as much
+        time again.
     max_hypotheses : int
         Most hypotheses of the whole fleet to build from those of its pieces.
 
@@ -48,7 +48,7 @@ class SolverOptions:
     max_hypotheses: int = 64
 
     def __post_init__(self) -> None:
-        """Refuse what makes no sense."""
+        """Refuse values out of range."""
         self._check_real('resolution', ' m')
         self._check_real('max_seconds', ' s')
         self._check_real('tighten_seconds', ' s', zero=True)
@@ -59,7 +59,7 @@ class SolverOptions:
             self._check_whole(name, least)
 
     def limited(self, max_boxes: int, max_seconds: float, tighten_seconds: float) -> SolverOptions:
-        """Return a copy with other limits, which are known to be valid."""
+        """Return a copy with other limits, which are valid by construction."""
         options = copy(self)
         options.__dict__.update(
             max_boxes=max_boxes, max_seconds=max_seconds, tighten_seconds=tighten_seconds
@@ -75,7 +75,7 @@ class SolverOptions:
         object.__setattr__(self, name, float(value))
 
     def _check_whole(self, name: str, least: int) -> None:
-        """Refuse what is no integer or too small, and keep the others as integers of Python."""
+        """Refuse a value that is no integer or too small; keep others as Python integers."""
         value = getattr(self, name)
         if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
             raise ValueError(f'{name} is {value}, it must be an integer of at least {least}')
@@ -86,5 +86,5 @@ class Cancel(Protocol):
     """An object that can cancel a search, such as a `threading.Event`."""
 
     def is_set(self) -> bool:
-        """Return whether to stop."""
+        """Return whether the search is cancelled."""
         ...

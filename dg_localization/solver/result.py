@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the solver answers: a verdict, the hypotheses, and how hard it was."""
+"""The answer of the solver: a verdict, hypotheses, and statistics."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 
 class Verdict(Enum):
-    """What a solve proves."""
+    """The statement that a solve proves."""
 
     COVERED = 'covered'
     """Every placement lies in some hypothesis; a hypothesis may still hold none."""
@@ -25,7 +25,7 @@ class Verdict(Enum):
     """No placement agrees with the measurements: no box is left."""
 
     OUT_OF_BUDGET = 'out_of_budget'
-    """A limit stopped the search; every placement lies in some hypothesis all the same."""
+    """A limit stopped the search; every placement still lies in some hypothesis."""
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,8 @@ class Statistics:
     The effort of a search; ``processed = empty + split + kept``.
 
     `empty` counts the boxes proved to hold nothing, the paper's figure of merit (Section 4);
-    `pending` boxes were waiting when a limit stopped the search. The sum of two is the effort of
-    both searches together.
+    `pending` boxes were waiting when a limit stopped the search. The sum of two statistics is the
+    effort of both searches.
     """
 
     processed: int = 0
@@ -54,7 +54,7 @@ class Hypothesis:
     """
     One connected component of the cover: a set of placements that may be continuous.
 
-    Without a chirality in the problem it stands for its mirror image too.
+    If the problem has no chirality, it also represents its mirror image.
 
     Attributes
     ----------
@@ -63,16 +63,16 @@ class Hypothesis:
     boxes : ndarray, shape (k, 2, n, n)
         Its boxes, lower and upper bounds in m^2.
     positions : ndarray, shape (n, q), or None
-        One placement in m, as good as could be found; None when none could be computed. It is
-        sought when it, `proved` or `flexible` is first asked for, which may take as long as the
-        call could, and not long after the call was cancelled.
+        The best placement found, in m; None if none could be computed. It is computed at the first
+        use of `positions`, `proved` or `flexible`, which may take as long as the call was allowed;
+        after the call was cancelled it ends soon.
     proved : bool
         Whether `positions` meets every constraint of the problem and lies in a box of the
-        hypothesis, checked with outward rounding. Exact distances are met by no coordinates in
-        floating point: where there are some, a placement that meets every constraint is proved to
-        lie within 1e-9 of each coordinate, in units of the longest known distance.
+        hypothesis, checked with outward rounding. No coordinates in floating point meet exact
+        distances: if there are any, a placement that meets every constraint is proved to exist
+        within 1e-9 of each coordinate, in units of the longest known distance.
     flexible : bool
-        Whether the placements are a continuum even without measurement errors; also where there
+        Whether the placements are a continuum even without measurement errors; also true if there
         was no time to examine that.
 
     """
@@ -115,7 +115,7 @@ class Piece:
     """
     Points that the measurements hold rigid, and all their placements.
 
-    Where a limit stopped the call before pieces were known or begun, what is left of the fleet is
+    If a limit stopped the call before some pieces were known or begun, the rest of the fleet is
     one piece, with one flexible hypothesis and without joints.
 
     Attributes
@@ -123,10 +123,10 @@ class Piece:
     points : tuple of int
         The points, ascending.
     hypotheses : tuple of Hypothesis
-        What holds every placement of these points; rows and columns are in the order of `points`.
+        Hypotheses that hold every placement; rows and columns are in the order of `points`.
     patches : tuple of Piece
-        Where the piece is large, the overlapping parts that it was solved in, each with its
-        hypotheses. Where `hypotheses` does not tell these apart, this does.
+        For a large piece, the overlapping parts in which it was solved, each with its hypotheses.
+        They may distinguish placements that `hypotheses` does not.
 
     """
 
@@ -136,10 +136,10 @@ class Piece:
 
 
 class JointKind(Enum):
-    """What two pieces can still do to each other."""
+    """The freedom that a joint leaves to its pieces."""
 
     HINGE = 'hinge'
-    """They share q - 1 points and turn: about a point in the plane, about a line in space."""
+    """They share q - 1 points and rotate about a point in the plane, or a line in space."""
 
     REFLECTION = 'reflection'
     """They share q points; either side may be mirrored in the hyperplane through them."""
@@ -151,16 +151,16 @@ class JointKind(Enum):
 @dataclass(frozen=True)
 class Joint:
     """
-    What pieces share.
+    Points that pieces share.
 
     Attributes
     ----------
     pieces : tuple of int
-        Two or more pieces, by their numbers in the order of the pieces.
+        Two or more pieces, by index.
     points : tuple of int
         The points that all of them share, ascending.
     kind : JointKind
-        What the joint leaves open.
+        The freedom that the joint leaves.
 
     """
 
@@ -170,7 +170,7 @@ class Joint:
 
 
 class WholeFleet(Protocol):
-    """What the hypotheses of the pieces make together, computed when it is asked for."""
+    """The combinations of the hypotheses of all pieces, computed on demand."""
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
@@ -179,7 +179,7 @@ class WholeFleet(Protocol):
 
     @property
     def is_bound(self) -> bool:
-        """Whether some of the hypotheses that are counted may hold no placement."""
+        """Whether some of the counted hypotheses may hold no placement."""
         ...
 
     @property
@@ -196,18 +196,17 @@ class Result:
     Attributes
     ----------
     verdict : Verdict
-        What is proved.
+        The proved statement.
     statistics : Statistics
         The effort of all searches.
     pieces : tuple of Piece
-        The rigid parts. Where a contradiction was found, only a piece that it leaves without a
-        hypothesis.
+        The rigid parts. After a contradiction, only a piece that has no hypothesis left.
     joints : tuple of Joint
-        What the pieces share.
+        The joints between the pieces.
     n_hypotheses : int
-        How many hypotheses of the whole fleet the pieces make together, which may be far more than
-        could be listed. An open joint counts once, however the pieces turn about it. The number
-        is never too small; `n_hypotheses_is_bound` tells whether it may be too large.
+        The number of combined hypotheses of the whole fleet, which may be far more than could be
+        listed. An open joint counts once, for all rotations about it. The number is never too
+        small; `n_hypotheses_is_bound` says whether it may be too large.
 
     """
 
@@ -221,25 +220,24 @@ class Result:
     @property
     def n_hypotheses_is_bound(self) -> bool:
         """
-        Whether there may be fewer hypotheses that hold a placement than `n_hypotheses`.
+        Whether fewer than `n_hypotheses` hypotheses may hold a placement.
 
-        False is a proof, looked for when first asked: each hypothesis counted has a proved
-        placement, or one proved placement of the whole fleet can be mirrored at every joint,
-        because nothing but the distances within pieces is known. True where a limit stopped the
-        call, where some hypothesis is not proved, and where loops or constraints between pieces
-        leave more combinations than `SolverOptions.max_hypotheses`.
+        False is a proof, computed at first use: each counted hypothesis has a proved placement, or
+        one proved placement of the whole fleet can be mirrored at every joint, because only
+        distances within pieces are known. It is true if a limit stopped the call, if some
+        hypothesis is not proved, or if loops or constraints between pieces leave more combinations
+        than `SolverOptions.max_hypotheses`.
         """
         return self.whole_fleet.is_bound
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """
-        The hypotheses of the whole fleet, built when first asked for.
+        The hypotheses of the whole fleet, built at first use.
 
-        Where there are several pieces, at most `SolverOptions.max_hypotheses` combinations of
-        theirs; what a contraction of the whole fleet proves to be empty is left out. Where the
-        first thousand choices are all empty and others are left, one hypothesis without a
-        placement holds all of these.
+        If there are several pieces, these are at most `SolverOptions.max_hypotheses` combinations,
+        without those that a contraction of the whole fleet proves to be empty. If all examined
+        choices are empty and others remain, one hypothesis without a placement holds the rest.
         """
         return self.whole_fleet.hypotheses
 

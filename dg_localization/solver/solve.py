@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The solver's front door."""
+"""The entry point of the solver."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def solve(
     executor: Executor | None = None,
 ) -> Result:
     """
-    Return every placement that agrees with a problem, or the proof that there is none.
+    Return every placement that agrees with a problem, or a proof that there is none.
 
     Parameters
     ----------
@@ -48,22 +48,22 @@ def solve(
     options : SolverOptions, optional
         Resolution and limits.
     cancel : object with ``is_set()``, optional
-        Stops the search when set; what was not examined is part of the answer.
+        Stops the search when set; boxes that were not examined stay in the answer.
     progress : callable, optional
         Called with the statistics so far after every box.
     within : sequence of (lower, upper), optional
-        Boxes that are known to hold every placement of interest, such as those of an earlier
+        Boxes that are known to hold every placement of interest, such as boxes of an earlier
         answer: lower and upper bounds of all squared distances in m^2, shape (n, n) each.
     executor : concurrent.futures.Executor, optional
-        Whose workers solve the independent parts of large fleets: threads, processes, or those of
-        a cluster. The answer is the same, unless a limit of time stops it. Tasks that run when the
-        call is cancelled end with the time that they were given.
+        Executor whose workers (threads, processes or machines) solve the independent parts of
+        large fleets. The answer is the same, unless a time limit stops it. Tasks that run when the
+        call is cancelled end when their own time is over.
 
     Returns
     -------
     Result
         The verdict, the pieces, the hypotheses that hold every placement, and the effort.
-        With ``Verdict.INFEASIBLE`` there is no hypothesis, and none was missed.
+        ``Verdict.INFEASIBLE`` is a proof that there is no placement.
 
     Raises
     ------
@@ -75,16 +75,16 @@ def solve(
     Notes
     -----
     The first call in a process loads the kernels; the first on a machine compiles them. Neither
-    counts as time of the search. `dg_localization.fleet.warm_up` does both before, and says how
-    far it is. Without numba nothing is compiled, and the kernels run in Python. The floating-point
-    environment of the thread is the default one during the call, whatever it was before.
+    counts as time of the search. `dg_localization.fleet.warm_up` does both in advance and reports
+    its progress. Without numba nothing is compiled, and the kernels run in Python. During the call
+    the thread uses the default floating-point environment.
 
     """
     options = SolverOptions() if options is None else options
     for name, value, kind in (('problem', problem, Problem), ('options', options, SolverOptions)):
         if not isinstance(value, kind):
             raise TypeError(f'{name} must be of type {kind.__name__}, not {type(value).__name__}')
-    # The kernels import numba, which takes longer than the rest of the package together.
+    # The kernels import numba, which takes longer than the rest of the package.
     from dg_localization.solver.assemble.answer import solve_in_pieces
     from dg_localization.solver.search.budget import Budget
 
@@ -95,7 +95,7 @@ def solve(
 
 
 class _Loading(Executor):
-    """Has the workers of an executor load the kernels before their first task."""
+    """Makes the workers of an executor load the kernels before their first task."""
 
     def __init__(self, executor: Executor) -> None:
         self._executor = executor
@@ -105,7 +105,7 @@ class _Loading(Executor):
 
 
 def _with_kernels(function: Callable[..., T], *args: Any, **kwargs: Any) -> T:
-    """Return the result of a function, once the kernels are loaded."""
+    """Return the result of a function after the kernels are loaded."""
     load_kernels()
     return function(*args, **kwargs)
 
@@ -113,7 +113,7 @@ def _with_kernels(function: Callable[..., T], *args: Any, **kwargs: Any) -> T:
 def _boxes(
     problem: Problem, within: Sequence[tuple[ArrayLike, ArrayLike]]
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """Check the boxes that placements have to lie in, and return them as arrays."""
+    """Return the checked boxes of `within` as arrays."""
     boxes = []
     shape = (problem.n_points, problem.n_points)
     for x, box in enumerate(within):
@@ -143,13 +143,13 @@ def load_kernels() -> float:
     """
     Load the compiled kernels, or compile them the first time on a machine (about a minute).
 
-    `solve` does so when it has to; a program that must answer in time calls this first. Without
-    numba there is nothing to load.
+    `solve` does so if needed; a program that must answer in time calls this first. Without numba
+    there is nothing to load.
 
     Returns
     -------
     float
-        How long it took, in seconds.
+        The time taken, in seconds.
 
     See Also
     --------
@@ -177,10 +177,10 @@ def load_kernels() -> float:
 
 def _joined_simplices(dimension: int, closed: bool) -> Problem:
     """
-    Return two simplices that share a face, and three points.
+    Return two simplices that share a face, and three further points.
 
-    One is measured from a corner, one by nobody. The last is measured by nobody either or, where
-    the fleet is closed, from both apexes, which do not measure each other.
+    The first point is measured from a corner, the second not at all. The third is not measured
+    either or, in a closed fleet, from both apexes, whose mutual distance is not measured.
     """
     n_points = dimension + 5
     apexes = (dimension, dimension + 1)
@@ -198,7 +198,7 @@ def _joined_simplices(dimension: int, closed: bool) -> Problem:
 
 
 def _cross_polytope(dimension: int) -> Problem:
-    """Return a rigid piece with pairs that are not measured: opposite corners about a center."""
+    """Return a rigid piece with unmeasured pairs: opposite corners about a center."""
     corners = np.vstack([np.zeros(dimension), np.eye(dimension), -np.eye(dimension)])
     upper = 1.1 * ((corners[:, None] - corners[None]) ** 2).sum(axis=-1)
     lower = upper / 1.2
@@ -220,7 +220,7 @@ def _braced_block() -> Problem:
     corners = np.stack(np.unravel_index(np.arange(12), (3, 2, 2)), axis=1).astype(np.float64)
     squared = ((corners[:, None] - corners[None]) ** 2).sum(axis=-1)
     measured = squared < 2.5
-    # A corner that is held by few pairs is not tried as part of one box.
+    # A corner with few pairs keeps the piece from being solved in one box.
     measured[0, 3] = measured[3, 0] = False
     upper = np.where(measured, 1.02 * squared, np.inf)
     return Problem(np.where(measured, squared, 0.0), upper, 3)

@@ -64,7 +64,7 @@ def _solved(
     budget: Budget,
     within: Sequence[Bounds] | None,
 ) -> SolvedPieces:
-    """Return the solved pieces of a fleet; one that was not examined where none are known."""
+    """Return the solved pieces of a fleet; without a decomposition, one unexamined piece."""
     if decomposition is None:
         return SolvedPieces([unexamined(problem, tuple(range(problem.n_points)), within)])
     solved = None
@@ -86,7 +86,7 @@ def _may_be_one_piece(problem: Problem, decomposition: Decomposition) -> bool:
 
 
 def _solved_in_one_box(problem: Problem, budget: Budget) -> SolvedPieces | None:
-    """Return a fleet as the one piece that it is where a single box covers it, or None."""
+    """Return a fleet as one piece if a single box covers it, else None."""
     cover = search_in_one_box(problem, budget)
     if cover.pending:
         return None
@@ -98,7 +98,7 @@ def _solved_in_one_box(problem: Problem, budget: Budget) -> SolvedPieces | None:
 
 
 def _infeasible(points: Points, problem: Problem, budget: Budget) -> Result:
-    """Return the answer that there is no placement, with the piece that is left without any."""
+    """Return the answer that there is no placement, with the piece that has no hypothesis."""
     spent = budget.spent
     empty, seconds = spent.empty + spent.kept, budget.seconds()
     statistics = replace(spent, empty=empty, kept=0, pending=0, seconds=seconds)
@@ -107,7 +107,7 @@ def _infeasible(points: Points, problem: Problem, budget: Budget) -> Result:
 
 
 def _result(product: Product, budget: Budget) -> Result:
-    """Return the answer that the pieces and their combinations are."""
+    """Return the answer made of the pieces and their combinations."""
     solved, combinations = product.solved, product.combinations
     pieces = tuple(
         Piece(
@@ -123,7 +123,7 @@ def _result(product: Product, budget: Budget) -> Result:
     ]
     n_left, n_pending = (sum(numbers) for numbers in zip(*counts, strict=True))
     spent = budget.spent
-    # Boxes that the neighbors of a piece rule out hold nothing.
+    # Boxes that the neighbors of a piece rule out count as empty.
     kept = n_left - n_pending
     statistics = replace(
         spent,
@@ -138,7 +138,7 @@ def _result(product: Product, budget: Budget) -> Result:
 
 
 def _patches_of(piece: SolvedPiece) -> Iterator[Piece]:
-    """Return the patches of a large piece, with the hypotheses that are left of each."""
+    """Yield the patches of a large piece, with the remaining hypotheses of each."""
     for search in piece.searches:
         for patch in search.patches.patches if search.patches else ():
             points = tuple(piece.points[x] for x in patch.points)

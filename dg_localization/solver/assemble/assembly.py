@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Bounds and placements of the combinations that pieces make together.
+Bounds and placements of combinations of hypotheses, one for each piece.
 
-A combination narrows the original problem to what its hypotheses say of their pieces, with a side
-for every apex. One contraction, without a split, bounds the distances between the pieces; where
-there are many points or combinations, two linked pieces at a time are contracted, and chains of
-known distances bound the rest.
+A combination narrows the problem to the bounds of its hypotheses, with a side for every apex. One
+contraction, without a split, bounds the distances between the pieces. If there are many points or
+combinations, two linked pieces at a time are contracted, and chains of known distances bound the
+rest.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from dg_localization.solver.search.budget import Budget
 from dg_localization.solver.search.search import contracted, smoothed
 
 MOST_TURNS = 6
-"""How many ways to turn a piece about a joint are tried."""
+"""Most rotations of a piece about a joint that are tried."""
 
 
 def _orthogonal(rng: np.random.Generator, count: int, dimension: int) -> FloatArray:
@@ -49,7 +49,7 @@ def _orthogonal(rng: np.random.Generator, count: int, dimension: int) -> FloatAr
 def _aligned(
     local: FloatArray, shared: FloatArray, target: FloatArray, turns: FloatArray, signs: FloatArray
 ) -> FloatArray:
-    """Lay points that are turned against others by some that they share, once for every turn."""
+    """Align rotated points with their shared points at a target, once for every rotation."""
     turned = shared @ turns
     centers, target_center = turned.mean(axis=1, keepdims=True), target.mean(axis=0)
     left, _, right = np.linalg.svd((turned - centers).swapaxes(1, 2) @ (target - target_center))
@@ -64,10 +64,10 @@ def _volume(face: FloatArray, apex: FloatArray) -> float:
 
 class Layout:
     """
-    Lays pieces against each other.
+    Aligns pieces with each other at their joints.
 
-    `positions` are those of the points that are placed, in a scale of their own; `has_chosen`
-    tells whether anything was open, which is chosen anew for every seed.
+    `positions` are the positions of the placed points, in an internal scale; `has_chosen` says
+    whether a random choice was made, which differs between seeds.
 
     """
 
@@ -108,7 +108,7 @@ class Layout:
         return np.ldexp(np.ldexp(values, half), half)
 
     def place(self, least_m: float) -> FloatArray:
-        """Place all pieces, those that nothing joins farther apart than `least_m`."""
+        """Place all pieces; pieces without a joint are farther apart than `least_m`."""
         clearance = 1.0 + 2.0 * float(self._scaled(np.array(least_m), -1))
         done = [False] * len(self._pieces)
         edge = 0.0
@@ -134,7 +134,7 @@ class Layout:
         return self._scaled(self.positions, 1)
 
     def _add(self, joint: Joint, number: int) -> None:
-        """Lay a piece against those that are placed, on the sides that are known."""
+        """Align a piece with the placed ones, on its known sides."""
         points, local = self._pieces[number]
         members, face = np.array(points), list(joint.points)
         is_new = ~np.isfinite(self.positions[members, 0])
@@ -162,7 +162,7 @@ class Layout:
         self.positions[members[is_new]] = candidates[best]
 
     def _n_violated(self, new: IntArray) -> int:
-        """Return how many of the known sides that name new points are not kept."""
+        """Return the number of violated side constraints on new points."""
         named = {number for point in new.tolist() for number in self._sides_at.get(point, ())}
         count = 0
         for number in named:
@@ -176,7 +176,7 @@ class Layout:
 
 
 class Assembly:
-    """Puts solved pieces of a problem together as a combination says."""
+    """Bounds and places the combinations of the solved pieces of a problem."""
 
     def __init__(
         self,
@@ -196,17 +196,17 @@ class Assembly:
         self._every = tuple(range(problem.n_points))
 
     def __getstate__(self) -> dict[str, object]:
-        """Return what is pickled: what looks at the clock of the call is not."""
+        """Return the state to pickle, without functions that read the clock of the call."""
         return vars(self) | {'_linker': None}
 
     @cached_property
     def is_small(self) -> bool:
-        """Whether few enough combinations are left to contract all points for each."""
+        """Whether few enough combinations remain to contract all points for each."""
         return self.combinations.number * self.problem.n_points**3 <= MOST_WORK_TOGETHER
 
     @cached_property
     def hull(self) -> Bounds | None:
-        """The bounds of all combinations together; None when they prove that there is none."""
+        """The hull of the bounds of all combinations; None if they prove that none exists."""
         if len(self.solved.pieces) == 1:
             return self.solved.pieces[0].hull(sorted(self.combinations.left[0]))
         return self.bounds(Combination({}, {}))
@@ -219,9 +219,9 @@ class Assembly:
         is_tightened: bool = False,
     ) -> Bounds | None:
         """
-        Return the bounds of all pairs in a combination; None where it holds no placement.
+        Return the bounds of all pairs in a combination; None if it holds no placement.
 
-        All points are contracted together or, of many, two linked pieces at a time.
+        All points are contracted together or, if there are many, two linked pieces at a time.
         """
         n_times = 1 + any(site.is_merged for site in self.combinations.sites)
         chosen = self._chosen(combination)
@@ -245,7 +245,7 @@ class Assembly:
                 return None
             if in_twos:
                 return smoothed(problem, self._within)
-            # What the first time says of flat pieces tells the sides of those at their ends.
+            # The first pass on flat pieces decides the sides of the pieces at their ends.
             bounds = contracted(problem, budget or self._unlimited, self._within, is_tightened)
             if bounds is None:
                 return None
@@ -254,7 +254,7 @@ class Assembly:
     def placements(
         self, combination: Combination, least_m: float, most: int
     ) -> Iterator[FloatArray]:
-        """Yield placements in m, pieces laid against each other; none where a piece has none."""
+        """Yield placements in m of aligned pieces; nothing if a piece has no placement."""
         pieces = [
             (piece.points, piece.hypotheses[combination.hypotheses[x]].positions)
             for x, piece in enumerate(self.solved.pieces)
@@ -268,12 +268,12 @@ class Assembly:
                 break
 
     def with_sides(self, combination: Combination) -> Problem:
-        """Return the problem with the sides that a combination has."""
+        """Return the problem with the sides of a combination."""
         decided = combination.constraints(self.combinations.sites)
         return restricted(self.problem, self._every, None, decided) or self.problem
 
     def _chosen(self, combination: Combination) -> list[tuple[Points, Bounds]]:
-        """Return the bounds of each piece, of all its hypotheses where none is chosen."""
+        """Return the bounds of each piece; the hull of its hypotheses if none is chosen."""
         chosen = []
         for number, piece in enumerate(self.solved.pieces):
             x = combination.hypotheses.get(number)

@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-How the hypotheses of all pieces combine: counted without a list, and listed one by one.
+Combinations of the hypotheses of all pieces: their count without a list, and their list.
 
-Hypotheses that some neighbor has no match for are dropped until none is left to drop (arc
-consistency). A forest of links counts the combinations, those of every subtree from those of its
-branches; a link that would close a loop only drops hypotheses, and so the count is an upper bound
-then. The list follows the forest depth first and checks every link.
+Hypotheses without a match in some neighbor are dropped until none is left to drop (arc
+consistency). A forest of links counts the combinations: each subtree multiplies the counts of its
+branches. A link that would close a loop only drops hypotheses, so the count is then an upper
+bound. The list follows the forest depth first and checks every link.
 """
 
 from __future__ import annotations
@@ -29,21 +29,21 @@ Apexes = dict[tuple[int, int], int]
 
 @dataclass
 class Site:
-    """Pieces on the two sides of one hyperplane, the one that can serve as a reference first."""
+    """Pieces on the two sides of one hyperplane; the first one serves as reference."""
 
     face: Points
     members: list[int]
     apexes: Apexes
-    is_merged: bool = False  # at the faces of several joints
-    lost: frozenset[tuple[int, int]] = frozenset()  # apexes at another of these faces alone
-    number: int = 0  # among the sites
+    is_merged: bool = False  # whether it has the faces of several joints
+    lost: frozenset[tuple[int, int]] = frozenset()  # with an apex only at another of these faces
+    number: int = 0  # its index among the sites
 
     def n_certain(self, piece: int) -> int:
-        """Return how many hypotheses of a piece have an apex."""
+        """Return the number of hypotheses of a piece that have an apex."""
         return sum(number == piece for number, _ in self.apexes)
 
     def constraint(self, first: int, second: int, side: Side) -> SideConstraint | None:
-        """Return that two apexes lie on these sides; None where they are one point."""
+        """Return the side constraint of two apexes; None if they are one point."""
         if first == second:
             return None
         return SideConstraint(self.face, first, second, side)
@@ -51,7 +51,7 @@ class Site:
 
 @dataclass
 class PieceLink:
-    """Two pieces, and the sides of their apexes for each pair of hypotheses that go together."""
+    """Two pieces, and the allowed sides of their apexes for each compatible pair of hypotheses."""
 
     first: int
     second: int
@@ -66,12 +66,12 @@ class PieceLink:
 
 @dataclass
 class Network:
-    """The sites and links of all pieces; not exact where the links count too many combinations."""
+    """The sites and links of all pieces; not exact if the links allow too many combinations."""
 
     sites: list[Site] = field(default_factory=list)
     links: list[PieceLink] = field(default_factory=list)
     is_exact: bool = True
-    lists_all_sides: bool = True  # false where one combination of the list stands for several
+    lists_all_sides: bool = True  # false if one combination of the list stands for several
 
 
 @dataclass(frozen=True)
@@ -79,14 +79,14 @@ class Combination:
     """
     A hypothesis for every piece, and the sides of their apexes.
 
-    Where only some pieces have a hypothesis chosen, it stands for all that goes on from it.
+    If only some pieces have a hypothesis, it stands for all combinations that extend it.
     """
 
     hypotheses: dict[int, int]
     sides: dict[tuple[int, int], int]  # 1 or -1 for a site, by its number, and a piece
 
     def constraints(self, sites: list[Site]) -> list[SideConstraint]:
-        """Return on which sides of the first apex of a site all others are."""
+        """Return the side constraints of all apexes relative to the first apex of each site."""
         found = []
         for site in sites:
             chosen = [
@@ -116,7 +116,7 @@ class Combinations:
             self._links_of[link.first].append(link)
             self._links_of[link.second].append(link)
         self._drop_unmatched(network.links)
-        # Whether `number` counts no combination that a link rules out.
+        # Whether `number` excludes all combinations that a link rules out.
         self.is_exact = network.is_exact
         self.lists_all_sides = network.lists_all_sides
         self.forest: list[PieceLink] = []
@@ -128,11 +128,11 @@ class Combinations:
 
     @property
     def contradiction(self) -> int | None:
-        """A piece that is left without a hypothesis."""
+        """A piece without a remaining hypothesis, or None."""
         return next((x for x, left in enumerate(self.left) if not left), None)
 
     def _drop_unmatched(self, links: list[PieceLink]) -> None:
-        """Drop the hypotheses that a link leaves without a match, until there is none."""
+        """Drop hypotheses without a match across a link, until every one has a match."""
         waiting = list(links)
         while waiting:
             link = waiting.pop()
@@ -147,7 +147,7 @@ class Combinations:
                     waiting += [k for k in self._links_of[piece] if k is not link]
 
     def _plant(self, links: list[PieceLink]) -> None:
-        """Choose a forest of links, those of sites first, and an order from its roots on."""
+        """Choose a forest of links, links of sites first, and an order from its roots."""
         tree = list(range(len(self.left)))
         neighbors: list[list[tuple[int, PieceLink]]] = [[] for _ in self.left]
         for link in sorted(links, key=lambda k: k.site is None):
@@ -176,7 +176,7 @@ class Combinations:
                         queue.append(other)
 
     def _count(self) -> int:
-        """Return how many combinations the forest has."""
+        """Return the number of combinations of the forest."""
         below: list[dict[int, int]] = [{} for _ in self.left]
         for piece in reversed(self._order):
             below[piece] = dict.fromkeys(self.left[piece], 1)
@@ -194,7 +194,7 @@ class Combinations:
         return number
 
     def listed(self, is_possible: Callable[[Combination], bool]) -> Iterator[Combination]:
-        """List the combinations, leaving out all that goes on from one that is not possible."""
+        """List the combinations, without extensions of partial ones that are not possible."""
         stack = [Combination({}, {})]
         while stack:
             begun = stack.pop()
@@ -207,10 +207,10 @@ class Combinations:
             stack += reversed(further)
 
     def _further(self, begun: Combination, piece: int) -> Iterator[Combination]:
-        """Return what a combination becomes with one more piece."""
+        """Return the extensions of a combination by one more piece."""
         for x in sorted(self.left[piece]):
             numbers = [n for n in self._sites_of[piece] if (piece, x) in self.sites[n].apexes]
-            # The first apex of a site is on either side of it: the sides count from there.
+            # The first apex of a site gets the sign 1: other sides are relative to it.
             options = [
                 (1, -1) if any(site == number for site, _ in begun.sides) else (1,)
                 for number in numbers
@@ -222,7 +222,7 @@ class Combinations:
                     yield new
 
     def _allows(self, link: PieceLink, begun: Combination) -> bool:
-        """Return whether a link allows the choices of its two pieces, where both are made."""
+        """Return whether a link allows the choices of its two pieces, if both are made."""
         first, second = (begun.hypotheses.get(x) for x in (link.first, link.second))
         if first is None or second is None:
             return True

@@ -2,15 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-How a rigid piece in space is solved: grown point by point first, then contracted as a whole.
+Solution of a rigid piece in space: grown point by point first, then contracted as a whole.
 
-Four points that all measure each other are placed first. Each further point that enough placed
-ones measure lies in few regions of their frame, and each region makes a partial box of its own.
-With each point all measured pairs so far are combined, so that errors do not pile up; a partial
+Four points with all mutual distances measured are placed first. Each further point with enough
+distances to placed points lies in few regions of their frame, and each region gives a partial box.
+With each point all measured pairs so far are combined, so that errors do not accumulate; a partial
 box that contradicts them is dropped. Every placement of the piece lies in some partial box.
 
-Where points are held weakly these boxes are wide. Halves of such a box would hold parts of one and
-the same hypothesis, and so it is split at gaps alone. Boxes of many points stay as they grew.
+These boxes are wide if points are held weakly. Halves of such a box would belong to the same
+hypothesis, so it is split at gaps only. Boxes of many points are not split at all.
 """
 
 from __future__ import annotations
@@ -52,11 +52,11 @@ from dg_localization.solver.search.budget import Budget
 from dg_localization.solver.search.search import accept_pending, search_in_one_box, search_share
 
 MOST_SEEDS = 2000
-"""This many seeds are looked at."""
+"""Most seeds that are examined."""
 
 
 def _tetrahedra(neighbors: list[set[int]]) -> Iterator[tuple[int, ...]]:
-    """Yield sets of four points that all measure each other."""
+    """Yield sets of four points with all mutual distances measured."""
     for i, near in enumerate(neighbors):
         for j, k, other in combinations(sorted(x for x in near if x > i), 3):
             if k in neighbors[j] and other in neighbors[j] and other in neighbors[k]:
@@ -69,14 +69,14 @@ def _qualities(lower: FloatArray, upper: FloatArray, corners: IntArray) -> Float
     middle = 0.5 * (low + high)
     gram = 0.5 * (middle[:, 1:, :1] + middle[:, :1, 1:] - middle[:, 1:, 1:])
     longest, widest = high.max(axis=(1, 2)), (high - low).max(axis=(1, 2))
-    # An exact one is as good as one known to a thousandth; edges may be zero or huge.
+    # An exact edge counts as known to a thousandth; edges may be zero or huge.
     with np.errstate(all='ignore'):
         gram /= longest[:, None, None]
         return np.asarray(np.linalg.det(gram) * longest / (widest + 1e-3 * longest))
 
 
 def _reached(neighbors: list[set[int]], seed: tuple[int, ...], dimension: int) -> set[int]:
-    """Return the points that are reached from a seed."""
+    """Return the points that growth can reach from a seed."""
     reached, waiting = set(seed), set(range(len(neighbors))) - set(seed)
     while new := {x for x in waiting if len(neighbors[x] & reached) >= dimension}:
         reached |= new
@@ -87,7 +87,7 @@ def _reached(neighbors: list[set[int]], seed: tuple[int, ...], dimension: int) -
 def best_seed(
     problem: Problem, measured: BoolArray, stopped: Callable[[], bool]
 ) -> tuple[int, ...] | None:
-    """Return the four points that most others are reached from, of these the best known ones."""
+    """Return the best known four points among those from which growth reaches most points."""
     neighbors = [set(np.flatnonzero(row).tolist()) for row in measured]
     corners = np.array(list(islice(_tetrahedra(neighbors), MOST_SEEDS)), dtype=np.int64)
     corners = corners.reshape(-1, 4)
@@ -98,7 +98,7 @@ def best_seed(
             break
         seed = tuple(corners[x].tolist())
         if not quality[x] > 0.0 or best_reached.issuperset(seed):
-            # What it reaches, the best one reaches as well.
+            # The best seed reaches everything that this one reaches.
             continue
         reached = _reached(neighbors, seed, problem.dimension)
         if len(reached) > len(best_reached):
@@ -107,45 +107,45 @@ def best_seed(
 
 
 MOST_PARTIAL_BOXES = 32
-"""Growth ends when there are more of them: the search goes on from what they are."""
+"""Growth ends when there are more partial boxes; the search continues from them."""
 
 MOST_REGIONS = 4
-"""A point that can be in more regions than this is not placed yet."""
+"""A point with more possible regions is not placed yet."""
 
 LEAST_REGION = 0.01
-"""Regions are made of boxes no smaller than this fraction of the longest distance."""
+"""Least size of the boxes of a region, as a fraction of the longest distance."""
 
 LOCAL_POINTS = 12
-"""Axes project this many points, those best known from their ends."""
+"""Axes project this many points, the best known ones from their ends."""
 
 WELL_EXPLAINED = 2.0
-"""Axes are of use where pairs are wider than this many times what the errors explain."""
+"""Axes are applied if pairs are wider than this many times the widths that errors explain."""
 
 COMBINED_GROWTH = 1.15
-"""Beyond `MOST_TOGETHER` points their pairs are combined only when they grew by this factor, and
-where a point can be is looked at again only when it measures as much more of them."""
+"""Beyond `MOST_TOGETHER` points, pairs are combined only after their number grew by this factor,
+and the regions of a point are computed anew only after its distances grew by as much."""
 
 REFERENCE_STEPS = 3
-"""Steps of least squares towards a placement, by which frames are chosen."""
+"""Least-squares steps towards the placement that is used to choose frames."""
 
 
 @dataclass(frozen=True)
 class _Trial:
-    """Where a further point can be, in the frame of some points of a partial box."""
+    """The possible regions of a further point, in the frame of points of a partial box."""
 
     n_links: int
     frame: IntArray
     regions: FloatArray
 
     def rank(self) -> tuple[int, float]:
-        """Return what makes a point wait: several regions, or large ones."""
+        """Return the sort key of a point: its number of regions, then their size."""
         sides_m = self.regions[:, UPPER] - self.regions[:, LOWER]
         return len(self.regions), float(sides_m.max(initial=0.0))
 
 
 @dataclass
 class PartialBox:
-    """The points that are placed so far, in one of the ways that they can be."""
+    """The points placed so far, in one of their possible arrangements."""
 
     points: tuple[int, ...]
     box: FloatArray
@@ -163,7 +163,7 @@ class Growth:
         self._measured = np.isfinite(problem.upper) & ~np.eye(problem.n_points, dtype=np.bool_)
 
     def run(self) -> list[PartialBox] | None:
-        """Return partial boxes between which every placement lies."""
+        """Return partial boxes that together hold every placement; None without a seed."""
         seed = best_seed(self._problem, self._measured, self._stopped)
         if seed is None:
             return None
@@ -187,7 +187,7 @@ class Growth:
         return lower, upper
 
     def _extended(self, partial: PartialBox) -> list[PartialBox] | None:
-        """Return what becomes of a partial box with one more point, None where there is none."""
+        """Return the extensions of a partial box by one point; None if no point can be placed."""
         n_links = self._measured[:, partial.points].sum(axis=1)
         n_links[list(partial.points)] = 0
         within_reach = np.flatnonzero(n_links >= self._problem.dimension).tolist()
@@ -209,7 +209,7 @@ class Growth:
         return list(self._with_point(partial, best))
 
     def _trial(self, partial: PartialBox, positions: FloatArray, point: int) -> _Trial:
-        """Return where a further point can be."""
+        """Return the possible regions of a further point."""
         members = np.array(partial.points)
         neighbors = np.flatnonzero(self._measured[point, members])
         frame = _frame(partial.box, positions, neighbors)
@@ -220,7 +220,7 @@ class Growth:
         return _Trial(len(neighbors), frame, regions)
 
     def _with_point(self, partial: PartialBox, point: int) -> Iterator[PartialBox]:
-        """Return partial boxes with one more point, one for each region that it can be in."""
+        """Yield partial boxes with one more point, one for each of its regions."""
         trial = partial.trials[point]
         points, size = (*partial.points, point), len(partial.points)
         enclosure = enclose_in_frame(partial.box, trial.frame)
@@ -240,7 +240,7 @@ class Growth:
                     yield PartialBox(points, left, n_combined, dict(trials))
 
     def _contracted(self, points: tuple[int, ...], box: FloatArray) -> FloatArray | None:
-        """Contract the box of some points; None when it is proved to hold no placement."""
+        """Contract the box of some points; None if it is proved to hold no placement."""
         bounds = self._problem.bounds_among(points)
         part = Problem.unchecked(bounds, self._problem.dimension, (), ())
         contractor, explained = Contractor(part, self._resolution_m), np.zeros(box.shape[1:])
@@ -252,13 +252,13 @@ class Growth:
         left = contractor.projected(box, count)
         if left is None:
             return None
-        # Each gap is one of a pair alone: the search looks for them again.
+        # Drop the gaps: the search finds them again.
         left[GAP_LOWER:] = 0.0
         return left if contractor.combine(left, explained) else None
 
 
 def _is_outdated(trial: _Trial, n_links: int, n_points: int) -> bool:
-    """Return whether a point measures enough more placed ones to be looked at again."""
+    """Return whether a point has enough new distances to placed points for a new trial."""
     growth = 1.0 if n_points <= MOST_TOGETHER else COMBINED_GROWTH
     return n_links > trial.n_links and n_links >= growth * trial.n_links
 
@@ -273,7 +273,7 @@ def _frame(box: FloatArray, positions: FloatArray, neighbors: IntArray) -> IntAr
     else:
         frame[:2] = neighbors[:2]
     if not complete_frame(positions, errors_m, frame, np.zeros((dimension, dimension))):
-        # Positions that are no numbers; any frame is sound.
+        # The positions are NaN; any frame is sound.
         frame[:] = np.arange(dimension + 1)
     return frame
 
@@ -282,27 +282,27 @@ LEAST_GROWN = 12
 """A piece of fewer points is searched as a whole; beyond `MOST_DENSE` each step takes too long."""
 
 ONE_BOX_SHARE = 0.1
-"""One box is tried first, in this part of the time: it is enough where points are held well."""
+"""Share of the time for a first attempt with one box, which suffices if points are held well."""
 
 GROWTH_SHARE = 0.6
-"""Growth may take this part of the time of a piece,"""
+"""Share of the time of a piece that growth may take,"""
 
 GROWTH_SHARE_ALONE = 0.85
-"""and this part where what follows is a placement."""
+"""and its share if only a placement follows."""
 
 BOXES_PER_START, LEAST_BOXES = 2, 6
-"""The boxes that are looked at for each that grew, once all points are placed, and the least."""
+"""Boxes to examine per grown box after all points are placed, and the least number of boxes."""
 
 
 def is_grown(n_points: int, dimension: int) -> bool:
-    """Return whether a piece is solved point by point."""
+    """Return whether a piece of this size is solved point by point."""
     return dimension == 3 and LEAST_GROWN <= n_points <= MOST_DENSE
 
 
 def solve_grown(
     problem: Problem, budget: Budget, share: float, within: Sequence[Bounds] | None
 ) -> Paving | None:
-    """Solve a piece in space point by point; return None where there is nothing to begin with."""
+    """Solve a piece in space point by point; return None if it is not grown or has no seed."""
     if not is_grown(problem.n_points, problem.dimension) or budget.boxes_left() < LEAST_BOXES:
         return None
     is_large = problem.n_points > MOST_TOGETHER
@@ -325,6 +325,6 @@ def solve_grown(
     most_boxes = max(BOXES_PER_START * len(boxes), LEAST_BOXES)
     cover = search_share(problem, budget, share, boxes, most_boxes, at_gaps=True)
     if cover.processed >= len(boxes):
-        # Growth came to its end and examined everything; what follows makes its boxes narrower.
+        # Growth has examined everything; the search only narrows its boxes.
         accept_pending(cover, budget)
     return cover

@@ -2,13 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What the hypotheses of joined pieces allow each other.
+Compatibility of the hypotheses of joined pieces.
 
-Pieces that share a face, q points that span a hyperplane, may each be mirrored in it. Whatever
-lies off the hyperplane in every placement, the apex of a piece, is on one side of it or on the
-other. A flat piece has no apex, and passes the sides on: the pieces at all its faces make one
-site. Two hypotheses go together when they agree on the distances of shared points; sides,
-chiralities and least distances between the two may rule out either side.
+Pieces that share a face, q points that span a hyperplane, may each be mirrored in it. The apex of
+a piece is a point that lies off the hyperplane in every placement. A flat piece has no apex and
+passes the sides on: the pieces at all its faces form one site. Two hypotheses are compatible if
+they agree on the distances of shared points; constraints between them may rule out either side.
 """
 
 from __future__ import annotations
@@ -43,14 +42,14 @@ from dg_localization.solver.search.budget import Budget
 from dg_localization.solver.search.search import contracted
 
 MOST_PAIRS = 4096
-"""Pieces with more pairs of hypotheses than this are not compared: all of them go together."""
+"""Pieces with more pairs of hypotheses are not compared: all pairs count as compatible."""
 
 MOST_APEXES = 8
-"""In a piece of more than `MOST_CONTRACTED` points, so many about a face are looked at."""
+"""Most candidates at a face in a piece of more than `MOST_CONTRACTED` points."""
 
 
 class Linker:
-    """Finds out what the hypotheses of joined pieces allow each other."""
+    """Finds the compatible hypotheses of joined pieces."""
 
     def __init__(
         self,
@@ -71,7 +70,7 @@ class Linker:
             self._crossing.setdefault(j, set()).add(i)
 
     def network(self, joints: Sequence[Joint]) -> Network:
-        """Return the sites and links of all joints; what is not linked goes together."""
+        """Return the sites and links of all joints; pieces without a link are compatible."""
         faces = [joint for joint in joints if joint.kind is JointKind.REFLECTION]
         network = Network(self._sites(faces))
         for joint in joints:
@@ -82,7 +81,7 @@ class Linker:
         return network
 
     def _sites(self, joints: Sequence[Joint]) -> list[Site]:
-        """Return the sites: joints that flat pieces connect are one."""
+        """Return the sites; joints connected by flat pieces form one site."""
         found = [self._apexes(joint) for joint in joints]
         apexes = [known for known, _ in found]
         group = list(range(len(joints)))
@@ -105,7 +104,7 @@ class Linker:
             else:
                 site = self._site_of([joints[x] for x in numbers], [apexes[x] for x in numbers])
             site.lost = site.lost.union(*(found[x][1] for x in numbers)) - site.apexes.keys()
-            # All others say on which side of the first they lie.
+            # The sides of all others are relative to the first.
             is_open = {x: site.n_certain(x) < self._n(x) for x in site.members}
             site.members.sort(key=is_open.__getitem__)
             site.number = len(sites)
@@ -114,9 +113,10 @@ class Linker:
 
     def _apexes(self, joint: Joint) -> tuple[Apexes, set[tuple[int, int]]]:
         """
-        Return the apexes of the hypotheses at a face, and which have one with some others alone.
+        Return the apexes of the hypotheses at a face, and the hypotheses with an apex only partly.
 
-        The other pieces at the face bound its distances, too. Without time all sides are open.
+        Partly: only with some hypotheses of the other pieces at the face, which bound it too. When
+        the time is over, all remaining sides are open.
         """
         apexes: Apexes = {}
         partly: set[tuple[int, int]] = set()
@@ -127,7 +127,7 @@ class Linker:
             for x in range(self._n(number)):
                 if self._budget.is_over():
                     return apexes, partly
-                # Mostly the piece shows it by itself.
+                # Most pieces have an apex by their own bounds.
                 apex = apex_of(piece, x, joint.points)
                 if apex is None:
                     if face is None:
@@ -143,7 +143,7 @@ class Linker:
     def _has_apex_with_some(
         self, piece: SolvedPiece, x: int, face: Points, others: Sequence[SolvedPiece]
     ) -> bool:
-        """Return whether a hypothesis has an apex with one of several that another piece has."""
+        """Return whether a hypothesis has an apex with some hypothesis of another piece."""
         for other in others:
             n_others = len(other.hypotheses)
             if n_others > 1 and n_others * len(piece.hypotheses) <= MOST_PAIRS:
@@ -154,7 +154,7 @@ class Linker:
         return False
 
     def _site_of(self, joints: Sequence[Joint], apexes: Sequence[Apexes]) -> Site:
-        """Return one site of joints with flat pieces between them, its face the most decisive."""
+        """Return one site of joints with flat pieces between them, at the most decisive face."""
         members = sorted({piece for joint in joints for piece in joint.pieces})
         at_faces = tuple(sorted({point for joint in joints for point in joint.points}))
         n_joints = {x: sum(x in joint.pieces for joint in joints) for x in members}
@@ -175,7 +175,7 @@ class Linker:
     def _is_apex(
         self, between: Sequence[int], piece: int, x: int, named: tuple[Points, Points, int]
     ) -> bool:
-        """Return whether the apex of a piece is one at another face that flat pieces hold, too."""
+        """Return whether an apex of a piece is also an apex at another face of flat pieces."""
         at_faces, face, apex = named
         points = tuple(sorted({*at_faces, apex}))
         if len(points) > MOST_CONTRACTED or self._budget.is_over():
@@ -186,7 +186,7 @@ class Linker:
         return left is not None and best_apex(left, points, face, [apex]) is not None
 
     def _add_links(self, network: Network, members: Sequence[int], site: Site | None) -> None:
-        """Link the pieces of a joint or site, each with the first."""
+        """Link each piece of a joint or site with its first piece."""
         hub = members[0]
         for other in members[1:]:
             if self._budget.is_overdue():
@@ -203,7 +203,7 @@ class Linker:
             self._allow_lost(network.links, site)
 
     def _allow_lost(self, links: Sequence[PieceLink], site: Site) -> None:
-        """Have two sides count for a piece that is flat in one hypothesis and not in another."""
+        """Allow either side where a link has no side because of a lost apex."""
         for link in links:
             if link.site is site:
                 for (x, y), sides in link.allowed.items():
@@ -212,7 +212,7 @@ class Linker:
                         link.allowed[x, y] = EITHER
 
     def _allow_more(self, links: Sequence[PieceLink], hub: int, site: Site) -> None:
-        """Have two sides count where the first piece of a site does not say which it is."""
+        """Allow either side where the first piece of a site has no apex but the second has."""
         for link in links:
             if link.site is site and link.first == hub:
                 for (x, y), sides in link.allowed.items():
@@ -224,7 +224,7 @@ class Linker:
         return len(self._pieces[piece].hypotheses)
 
     def _link(self, first: int, second: int, site: Site | None) -> PieceLink | None:
-        """Return what two pieces allow each other; None where that is everything."""
+        """Return the compatible hypotheses of two pieces; None if all are compatible."""
         pieces = self._pieces[first], self._pieces[second]
         if self._n(first) * self._n(second) > MOST_PAIRS:
             return None
@@ -245,7 +245,7 @@ class Linker:
         return link
 
     def _is_between(self, first: SolvedPiece, second: SolvedPiece) -> bool:
-        """Return whether something is known across two pieces."""
+        """Return whether a bound or constraint connects two pieces."""
         points = {*first.points, *second.points}
         if len(points) > MOST_CONTRACTED:
             return False
@@ -258,7 +258,7 @@ class Linker:
     def bounds_of_two(
         self, link: PieceLink, x: int, y: int, side: int
     ) -> tuple[Points, Bounds] | None:
-        """Return the bounds of two hypotheses on some sides; None where they have no placement."""
+        """Return the bounds of two hypotheses on given sides; None if they have no placement."""
         key = (link.first, link.second, x, y, side)
         if key in self._of_two:
             return self._of_two[key]
@@ -285,7 +285,7 @@ class Linker:
         parts: Sequence[tuple[Points, Bounds]],
         constraints: Sequence[SideConstraint] = (),
     ) -> Bounds | None:
-        """Return the bounds of all pairs of some points; None where they have no placement."""
+        """Return the bounds of all pairs of some points; None if they have no placement."""
         bounds = bounds_within(points, parts)
         problem = restricted(self._problem, points, bounds, constraints)
         if problem is None:
@@ -295,7 +295,7 @@ class Linker:
 
 
 def crossing_pairs(problem: Problem, pieces: Sequence[SolvedPiece]) -> list[Pair]:
-    """Return the pairs that have a lower bound and lie in no piece."""
+    """Return the pairs with a lower bound that lie in no piece."""
     holders: list[set[int]] = [set() for _ in range(problem.n_points)]
     for number, piece in enumerate(pieces):
         for point in piece.points:
@@ -305,7 +305,7 @@ def crossing_pairs(problem: Problem, pieces: Sequence[SolvedPiece]) -> list[Pair
 
 
 def _agreeing(pieces: tuple[SolvedPiece, SolvedPiece]) -> BoolArray:
-    """Tell which pairs of hypotheses of two pieces agree on the distances of shared points."""
+    """Return which pairs of hypotheses of two pieces agree on the distances of shared points."""
     shared = set(pieces[0].points) & set(pieces[1].points)
     together = np.ones([len(piece.hypotheses) for piece in pieces], dtype=np.bool_)
     for i, j in pairs_of(shared):
@@ -321,9 +321,9 @@ def _agreeing(pieces: tuple[SolvedPiece, SolvedPiece]) -> BoolArray:
 
 def is_degenerate(corners: FloatArray, least_m: float = 0.0) -> bool:
     """
-    Return whether the corners of a face, shape (q, q) in m, span no hyperplane: pieces can turn.
+    Return whether the corners of a face, shape (q, q) in m, span no hyperplane.
 
-    A face that is less than `least_m` wide counts as one.
+    Pieces can rotate about such a face. A face narrower than `least_m` also counts as one.
     """
     spans_m = np.linalg.svd(corners[1:] - corners[0], compute_uv=False)
     least_m = max(least_m, RANK_TOLERANCE * spans_m.max(initial=0.0))
@@ -331,7 +331,7 @@ def is_degenerate(corners: FloatArray, least_m: float = 0.0) -> bool:
 
 
 def best_apex(bounds: Bounds, points: Points, face: Points, others: list[int]) -> int | None:
-    """Return which of some points is farthest off the hyperplane of a face, None where none is."""
+    """Return the point farthest off the hyperplane of a face; None if none is certainly off it."""
     place = {point: x for x, point in enumerate(points)}
     corners, apexes = ([place[point] for point in some] for some in (face, others))
     best = int(
@@ -345,7 +345,7 @@ def apex_of(piece: SolvedPiece, x: int, face: Points, of_face: Bounds | None = N
     points, hypothesis = piece.points, piece.hypotheses[x]
     others = [point for point in points if point not in face]
     if len(points) > MOST_CONTRACTED:
-        # A placement is sought once for all: most points are near the face in each.
+        # One placement serves all hypotheses: most points are near the face in each.
         positions = piece.hypotheses[0].positions
         if positions is None:
             return None

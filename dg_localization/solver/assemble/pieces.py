@@ -4,12 +4,12 @@
 """
 The pieces of a fleet, solved one by one.
 
-A piece that its own measurements do not hold rigid takes the distances of the points it shares
-from a piece solved before: it is solved once for each of the ranges that these may lie in.
+A piece that is not rigid by its own measurements takes the distances of shared points from a piece
+solved before. It is solved once for each of the possible ranges of these distances.
 
-Some pieces come apart once what hangs on them is taken off: a part that two points hold joins what
-lies on either side of these, and so it hides the sets of points that separate the rest. The parts
-of such a piece are solved as the pieces of a fleet are, and combined.
+Some pieces decompose after a part that hangs on them is removed: such a part connects the points
+on both sides of a separating set and so hides it. The parts of such a piece are solved like the
+pieces of a fleet, and combined.
 """
 
 from __future__ import annotations
@@ -53,23 +53,23 @@ from dg_localization.solver.search.budget import GRACE_S, Budget
 from dg_localization.solver.search.search import accept_pending, search_in_one_box, search_share
 
 MOST_UNREVIEWED = 30
-"""Up to this size a piece as a whole rules out as much as reviews of its patches, and sooner,
-where distances are wide. Few choices of larger pieces are contracted."""
+"""If distances are wide, contraction of a whole piece up to this size rules out as much as reviews
+of its patches, and sooner. Few choices of larger pieces are contracted."""
 
 PATCHES_SHARE = 0.5
-"""Patches may take this part of the time of a piece that is contracted afterwards,"""
+"""Share of the time of a piece for its patches if it is contracted afterwards,"""
 
 PATCHES_SHARE_ALONE = 0.7
-"""and this part where what follows is a placement."""
+"""and their share if only a placement follows."""
 
 MOST_WORK = 900_000
-"""Choices times the cube of the points, up to which each choice is contracted as a whole. Of more
-choices, few would be in time; chains bound those better that are not."""
+"""Greatest product of choices and cubed points for which each choice is contracted as a whole. If
+there are more, time suffices for few choices, and chains bound the others better."""
 
 LARGEST_ERROR = 0.1
-"""One box is tried first where half of the distances with an upper bound, measured or known from
-anchors and earlier pieces, are known to this fraction of that bound. Others are hardly ever
-covered by one box."""
+"""One box is tried first if half of the distances with an upper bound, measured or known from
+anchors and earlier pieces, are known to this fraction of that bound. Otherwise one box rarely
+covers all placements."""
 
 
 def is_known_well(problem: Problem) -> bool:
@@ -82,7 +82,7 @@ def is_known_well(problem: Problem) -> bool:
 def solve_large(
     problem: Problem, budget: Budget, share: float, within: Sequence[Bounds] | None
 ) -> Search | None:
-    """Solve a large piece in patches; return None where its neighborhoods are not rigid."""
+    """Solve a large piece in patches; return None if its neighborhoods are not rigid."""
     is_whole = problem.n_points <= MOST_TOGETHER
     share_of_patches = (PATCHES_SHARE if is_whole else PATCHES_SHARE_ALONE) * share
     is_reviewed = problem.n_points > MOST_UNREVIEWED or is_known_well(problem)
@@ -101,26 +101,26 @@ def solve_large(
         return Search(problem, [], [], answers.hypotheses(most), solved)
     budget.go_on_from(solved.n_boxes() - solved.n_pending())
     if not is_done:
-        # Halves of wide distances would be parts of the hypotheses that the patches tell apart.
+        # Halves of wide distances would only split the hypotheses that the patches found.
         at_gaps = solved.is_complete() and not is_known_well(problem)
         cover = search_share(problem, budget, share, boxes, at_gaps=at_gaps)
         return Search(problem, cover.kept, cover.pending)
     is_split = len(boxes) * problem.n_points**3 <= MOST_WORK_TOGETHER
     most_boxes = 2 * len(boxes) if is_split else len(boxes)
     cover = search_share(problem, budget, PATCHES_SHARE * share, boxes, most_boxes)
-    # The patches were examined to the end, and so is what they allow.
+    # The patches were examined completely, and so are these boxes.
     accept_pending(cover, budget)
     return Search(problem, cover.kept, cover.pending)
 
 
 LEAST_PARTED = 9
-"""A piece of fewer points is searched as a whole in less time than in its parts."""
+"""A piece of fewer points is searched faster as a whole than in its parts."""
 
 MOST_RANGES = 16
-"""A piece is solved at most so often, for different ranges of what it is given."""
+"""Most solves of one piece, for different ranges of its given distances."""
 
 TRIPLES_PER_S = 800 * WORK_PER_LOOK
-"""About how many triangles of a box are looked at in a second, twice each."""
+"""Approximate number of triangles of a box examined per second, twice each."""
 
 
 class PieceSolver:
@@ -147,7 +147,7 @@ class PieceSolver:
         self._solved: dict[int, SolvedPiece] = {}
 
     def run(self) -> SolvedPieces:
-        """Solve all pieces, until one of them cannot exist."""
+        """Solve all pieces, until one of them has no hypothesis."""
         for number in range(len(self._points)):
             if not self._is_too_late(number):
                 self._solve(number)
@@ -170,10 +170,10 @@ class PieceSolver:
         return answer
 
     def _is_too_late(self, number: int) -> bool:
-        """Return whether a piece is not begun any more."""
+        """Return whether there is too little time to begin a piece."""
         if number and self._budget.is_overdue():
             return True
-        # In space one box is as large as the piece, and nothing ends its first contraction.
+        # In space one box is as large as the piece, and its first contraction cannot be stopped.
         left_s = GRACE_S
         if not self._budget.is_over():
             left_s = max(left_s, self._budget.seconds_left())
@@ -181,17 +181,17 @@ class PieceSolver:
         return self._problem.dimension == 3 and n_triples > left_s * TRIPLES_PER_S
 
     def _share(self, number: int) -> float:
-        """Return which part of what is left a piece may take at first."""
+        """Return the share of the remaining budget that a piece may take at first."""
         if len(self._points) == 1:
             return self._share_of_all
         n_points = len(self._points[number])
         if n_points > MOST_CONTRACTED or is_grown(n_points, self._problem.dimension):
-            # There is no second time for it.
+            # Such a piece is not resumed later.
             return self._share_of_all * n_points / sum(map(len, self._points[number:]))
         return self._share_of_all / (len(self._points) - number)
 
     def _solve(self, number: int) -> None:
-        """Solve a piece for all that earlier pieces say of it."""
+        """Solve a piece for all ranges that earlier pieces give for its shared pairs."""
         share = self._share(number)
         piece = SolvedPiece(self._points[number])
         given = self._given(number)
@@ -205,7 +205,7 @@ class PieceSolver:
         self._solved[number] = piece
 
     def _resumed(self) -> Iterator[SolvedPiece]:
-        """Go on with the pieces that were not finished, small ones first."""
+        """Resume the pieces that were not finished, small ones first."""
         pieces = sorted(self._solved.values(), key=lambda piece: len(piece.points))
         searches = [(piece, s) for piece in pieces for s in piece.searches if s.pending]
         for x, (piece, search) in enumerate(searches):
@@ -221,7 +221,7 @@ class PieceSolver:
             yield piece
 
     def _given(self, number: int) -> list[Ranges]:
-        """Return the bounds that earlier pieces put on pairs of one which nothing measured."""
+        """Return the bounds from earlier pieces on the unmeasured shared pairs of a piece."""
         choices: list[list[Ranges]] = []
         for joint in self._joints_of[number]:
             solved = next((self._solved[x] for x in joint.pieces if x in self._solved), None)
@@ -244,7 +244,7 @@ class PieceSolver:
 def search_piece(
     problem: Problem, budget: Budget, share: float, within: Sequence[Bounds] | None
 ) -> Search:
-    """Solve a piece in its parts, where it has any and they are done, or as one."""
+    """Solve a piece in parts if it has several and they finish in time, else as one."""
     parts = _hidden_parts(problem, budget)
     search = parts and _search_in_parts(problem, parts, budget, share, within)
     return search or search_together(problem, budget, share, within)
@@ -253,7 +253,7 @@ def search_piece(
 def search_together(
     problem: Problem, budget: Budget, share: float, within: Sequence[Bounds] | None
 ) -> Search:
-    """Solve a piece as one, for one choice of what it is given, with a share of what is left."""
+    """Solve a piece as one, for one choice of given ranges, with a share of the budget."""
     cover = solve_grown(problem, budget, share, within)
     if cover is None and problem.n_points > MOST_WHOLE:
         if within is None and problem.n_points <= MOST_TOGETHER and is_known_well(problem):
@@ -272,7 +272,7 @@ def search_together(
 
 
 def _hidden_parts(problem: Problem, budget: Budget) -> Decomposition | None:
-    """Return the parts of a piece, None where it has one part only or the time is over."""
+    """Return the parts of a piece; None if it has only one part or the time is over."""
     parts = None
     if LEAST_PARTED <= problem.n_points <= MOST_TOGETHER:
         with until(budget.is_over):
@@ -291,7 +291,7 @@ def _search_in_parts(
     share: float,
     within: Sequence[Bounds] | None,
 ) -> Search | None:
-    """Solve a piece in parts; None where some take too long."""
+    """Solve a piece in parts; return None if some take too long."""
     solved = PieceSolver(problem, parts, budget, within, share).run()
     if solved.contradiction is not None:
         return Search(problem, [], [])

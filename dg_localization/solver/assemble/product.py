@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The hypotheses of the whole fleet, counted at once and built when they are asked for."""
+"""The hypotheses of the whole fleet, counted at once and built on demand."""
 
 from __future__ import annotations
 
@@ -40,18 +40,18 @@ from dg_localization.solver.result import Hypothesis, JointKind
 from dg_localization.solver.search.budget import Budget
 
 MOST_LISTED = 6400
-"""Choices times the square of the points, up to which they are looked at to count them."""
+"""Greatest product of choices and squared points for which choices are examined to count them."""
 
 MOST_ATTEMPTS = 4
-"""How often a placement is put together until it is proved to agree."""
+"""Most attempts to assemble a placement that is proved to agree."""
 
 STEPS_PER_HYPOTHESIS = 16
-"""The choices that are looked at for each hypothesis to list, to the end or on the way there."""
+"""Choices, complete or partial, that are examined per hypothesis to list."""
 
 
 @dataclass
 class _Listing:
-    """Hypotheses that are listed, up to a number of them and of choices to look at."""
+    """Listed hypotheses, with limits of their number and of the choices to examine."""
 
     most: int
     steps_left: int
@@ -59,13 +59,13 @@ class _Listing:
     is_complete: bool = True
 
     def may_step(self) -> bool:
-        """Count one more choice; return whether it may be looked at."""
+        """Count one more choice; return whether it may be examined."""
         self.steps_left -= 1
         return self.steps_left >= 0
 
 
 class Nothing:
-    """The whole fleet where there is no placement at all: an empty set, with reversed bounds."""
+    """The whole fleet without any placement: an empty set, with reversed bounds."""
 
     hypotheses: tuple[Hypothesis, ...] = ()
     is_bound = False
@@ -78,7 +78,7 @@ class Nothing:
 
 
 class Product:
-    """All whole-fleet hypotheses of pieces that were solved one by one."""
+    """All hypotheses of the whole fleet, from pieces that were solved one by one."""
 
     def __init__(
         self,
@@ -98,7 +98,7 @@ class Product:
         counts = [len(piece.hypotheses) for piece in solved.pieces]
         self.combinations = Combinations(counts, network)
         self._assembly = Assembly(problem, budget, solved, self.combinations, linker, within)
-        # More is known than distances within pieces, or holds all of them together.
+        # Crossed: constraints beyond the distances within pieces. Tied: `within`, or a loop.
         self._is_crossed = _is_crossed(problem, solved)
         n_groups = solved.n_groups()
         n_linked = sum(len(joint.pieces) - 1 for joint in solved.joints)
@@ -111,10 +111,10 @@ class Product:
 
     def _count(self, budget: Budget) -> int:
         """
-        Return how many hypotheses there are at most, 0 as a proof that there is none.
+        Return an upper bound of the number of hypotheses; 0 proves that there is none.
 
-        Where more is known than distances within pieces, the combinations are looked at one by
-        one, up to a limit.
+        If there are constraints beyond the distances within pieces, the combinations are examined
+        one by one, up to a limit.
         """
         number, n_points = self.combinations.number, self._problem.n_points
         is_plain = self._is_counted and self.combinations.is_exact
@@ -131,7 +131,7 @@ class Product:
                 self._is_counted = True
                 self.hypotheses = tuple(listing.found)
                 return len(listing.found)
-        # Each combination may come apart in several of the boxes.
+        # Each combination may have a part in each group of boxes.
         boxes = [as_box(part) for part in self._within or ()]
         return number * max(1, len(hulls_of(boxes)))
 
@@ -144,21 +144,21 @@ class Product:
     @cached_property
     @default_environment()
     def hypotheses(self) -> tuple[Hypothesis, ...]:
-        """The first combinations, but those that turn out to hold no placement."""
+        """The first combinations, without those that prove to hold no placement."""
         most = self._options.max_hypotheses
         listing = _Listing(most, STEPS_PER_HYPOTHESIS * most)
-        # A list that is asked for may take as long as the call.
+        # A list built on demand may take as long as the call.
         self._list(listing, self._budget.again())
         lower, upper = self.bounds if not listing.is_complete else (np.array(1), np.array(0))
         if not listing.found and (lower <= upper).all():
-            # Placements may be in any of the combinations that were not looked at.
+            # Placements may be in any of the combinations that were not examined.
             return (Hypothesis(lower, upper, np.array([[lower, upper]]), None, False, True),)
         return tuple(listing.found)
 
     @cached_property
     @default_environment()
     def is_bound(self) -> bool:
-        """Whether some of the combinations that are counted may hold no placement."""
+        """Whether some of the counted combinations may hold no placement."""
         pieces = self.solved.pieces
         if not all(piece.is_finished for piece in pieces):
             return True
@@ -167,7 +167,7 @@ class Product:
         if len(pieces) == 1 or self.number <= self._options.max_hypotheses:
             listed = self.hypotheses
             return len(listed) < self.number or not all(h.proved for h in listed)
-        # One placement is mirrored wherever nothing but distances within pieces is known.
+        # If only distances within pieces are known, one placement can be mirrored at every joint.
         is_plain = self._is_counted and self.combinations.is_exact
         is_single = all(len(left) == 1 for left in self.combinations.left)
         if not (is_plain and is_single):
@@ -180,10 +180,10 @@ class Product:
         self,
     ) -> tuple[list[FloatArray], Callable[[int, Callable[[], bool]], FloatArray | None]]:
         """
-        Return a box for each combination, or one for all where there are too many to list.
+        Return a box for each combination, or one for all if there are too many to list.
 
-        Also returned: what gives a placement in m, (n, q), in or near a box by its number; None
-        where a piece has no placement.
+        Also return a function that gives a placement in m, (n, q), in or near a box by its number,
+        or None if a piece has no placement.
         """
         found: list[FloatArray] = []
         of: list[Combination] = []
@@ -205,14 +205,14 @@ class Product:
     def _laid(
         self, combinations: list[Combination], number: int, stopped: Callable[[], bool]
     ) -> FloatArray | None:
-        """Return the placements of pieces, laid against each other and fitted to all bounds."""
+        """Return a placement of a combination: pieces aligned, and fitted to all bounds."""
         known, combination = self._problem.pairs, combinations[number]
         for positions in self._assembly.placements(combination, 0.0, int(not stopped())):
             return refined(positions, known.pairs, known.lower, known.upper, MARGIN, stopped)
         return None
 
     def _list(self, listing: _Listing, budget: Budget) -> None:
-        """Build hypotheses, less tight ones from when there is no time left."""
+        """Build hypotheses; without time they are not tightened."""
         if len(self.solved.pieces) == 1:
             listing.found = list(self.solved.pieces[0].hypotheses)
             return
@@ -234,7 +234,7 @@ class Product:
         budget: Budget,
         is_first: bool,
     ) -> Iterator[Hypothesis]:
-        """Yield the whole fleet as a combination has it, one for each part that is connected."""
+        """Yield the hypotheses of a combination, one for each connected part of it."""
         bounds = self._assembly.bounds(combination, budget, is_tightened=True)
         if bounds is None:
             return
@@ -252,7 +252,7 @@ class Product:
             yield Hypothesis(hull[0], hull[1], np.stack(boxes), *found, flexible)
 
     def _may_turn(self, chosen: Sequence[Hypothesis]) -> bool:
-        """Return whether the points of some face are in line, or at one place."""
+        """Return whether the points of some face are in line or coincide."""
         for joint in self.solved.joints:
             points = self.solved.pieces[joint.pieces[0]].points
             positions = chosen[joint.pieces[0]].positions
@@ -290,7 +290,7 @@ class Product:
         bounds: FloatArray,
         stopped: Callable[[], bool],
     ) -> Iterator[FloatArray]:
-        """Yield placements that may agree: pieces laid out, and all points together."""
+        """Yield placements that may agree: of aligned pieces, and of all points together."""
         known = problem.pairs.pairs
         rows, columns = known.T
         lower, upper = bounds[0][rows, columns], bounds[1][rows, columns]
@@ -303,7 +303,7 @@ class Product:
 
 
 def _is_crossed(problem: Problem, solved: SolvedPieces) -> bool:
-    """Return whether something but distances is known between different pieces."""
+    """Return whether a side, chirality or lower bound connects different pieces."""
     if len(solved.pieces) == 1:
         return False
     if len(problem.chiralities) > 1:

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What became of the pieces of a fleet, and what they say of pairs that nothing measured."""
+"""The solved pieces of a fleet, and their bounds of pairs that were not measured."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ from dg_localization.solver.search.budget import Budget
 
 @dataclass
 class Search:
-    """One problem of a piece, for one choice of what it is given, and its cover so far."""
+    """One problem of a piece, for one choice of given ranges, and its cover so far."""
 
     problem: Problem
     kept: list[FloatArray]
     pending: list[FloatArray]
-    found: Sequence[Hypothesis] | None = None  # what the cover makes, once it was looked for
-    patches: SolvedPatches | None = None  # where they are the answer, and not a cover
+    found: Sequence[Hypothesis] | None = None  # hypotheses of the cover, once gathered
+    patches: SolvedPatches | None = None  # set if patches are the answer instead of a cover
 
     def pending_keys(self) -> set[bytes]:
         """Return the bounds of the boxes that were not examined."""
         return {box[: UPPER + 1].tobytes() for box in self.pending}
 
     def gather(self, budget: Budget) -> Sequence[Hypothesis]:
-        """Return the hypotheses that the cover makes."""
+        """Return the hypotheses of the cover."""
         if self.found is None:
             self.found = hypotheses_of(self.problem, self.kept, self.pending, budget.new_clock)
         return self.found
@@ -46,25 +46,25 @@ class Search:
 
 @dataclass(eq=False)
 class SolvedPiece:
-    """A piece, and the hypotheses that hold all its placements."""
+    """A piece with the hypotheses that hold all its placements."""
 
     points: Points
     searches: list[Search] = field(default_factory=list)
     hypotheses: list[Hypothesis] = field(default_factory=list)
-    was_examined: bool = True  # False where there was no time for any of it
+    was_examined: bool = True  # False if there was no time for it
 
     def gather(self, budget: Budget) -> None:
-        """Write the hypotheses that the covers of all searches make."""
+        """Write the hypotheses of the covers of all searches."""
         self.hypotheses = [h for search in self.searches for h in search.gather(budget)]
 
     def hull(self, left: Iterable[int]) -> Bounds:
-        """Return bounds that hold some of its hypotheses."""
+        """Return the hull of some of its hypotheses."""
         chosen = [self.hypotheses[x] for x in left]
         lower = np.min([h.lower for h in chosen], axis=0)
         return lower, np.max([h.upper for h in chosen], axis=0)
 
     def among(self, points: Points, hypothesis: int | None = None) -> tuple[Points, Bounds]:
-        """Return its points among some, and their bounds in one of its hypotheses or all."""
+        """Return its points among given ones, with their bounds in one or all hypotheses."""
         members = tuple(point for point in self.points if point in points)
         rows = [self.points.index(point) for point in members]
         chosen = self.hypotheses if hypothesis is None else [self.hypotheses[hypothesis]]
@@ -74,24 +74,24 @@ class SolvedPiece:
 
     @property
     def is_finished(self) -> bool:
-        """Whether everything was examined."""
+        """Whether every box was examined."""
         return self.was_examined and self.n_boxes(range(len(self.hypotheses)))[1] == 0
 
     def n_boxes(self, left: Iterable[int]) -> tuple[int, int]:
-        """Return how many boxes some of its hypotheses have, and how many were not examined."""
+        """Return the number of boxes of some hypotheses, and of those not examined."""
         if not self.was_examined:
             return 1, 1
         keys = {key for search in self.searches for key in search.pending_keys()}
         in_patches = [search.patches for search in self.searches if search.patches]
         if in_patches:
-            # Another choice of what the piece is given may have been searched as a whole.
+            # Another choice of given ranges may have been searched as a whole.
             n_pending = len(keys) + sum(solved.n_pending() for solved in in_patches)
             return len(keys) + sum(solved.n_boxes() for solved in in_patches), n_pending
         boxes = [box for x in left for box in self.hypotheses[x].boxes]
         return len(boxes), sum(box.tobytes() in keys for box in boxes) if keys else 0
 
     def ranges_of(self, pairs: Sequence[Pair]) -> list[Ranges]:
-        """Return what its hypotheses say of some pairs, in ranges that do not touch."""
+        """Return the ranges of some pairs in its hypotheses, merged until they do not touch."""
         found: list[Ranges] = []
         for hypothesis in self.hypotheses:
             ends = {pair: tuple(map(self.points.index, pair)) for pair in pairs}
@@ -105,14 +105,14 @@ class SolvedPiece:
 
 @dataclass
 class SolvedPieces:
-    """All pieces and joints, or the one piece that cannot exist."""
+    """All pieces and joints, or the one piece without a placement."""
 
     pieces: list[SolvedPiece] = field(default_factory=list)
     joints: list[Joint] = field(default_factory=list)
     contradiction: Points | None = None  # these points; the lists are not complete then
 
     def n_groups(self) -> int:
-        """Return how many groups of pieces the joints connect."""
+        """Return the number of groups of pieces that joints connect."""
         group = list(range(len(self.pieces)))
         for joint in self.joints:
             together = {group[piece] for piece in joint.pieces}
@@ -122,10 +122,10 @@ class SolvedPieces:
 
 def unexamined(problem: Problem, points: Points, within: Sequence[Bounds] | None) -> SolvedPiece:
     """
-    Return some points as one piece that was not examined, in the time that its measurements take.
+    Return points as one unexamined piece, in time proportional to the number of measurements.
 
-    Its one hypothesis holds all placements: chains of known pairs bound them. Nothing shows that
-    the points are rigid together, so it is flexible.
+    Its one hypothesis holds all placements: chains of known pairs bound them. It counts as
+    flexible, since the points were not shown to be rigid together.
     """
     known = problem.pairs.restricted(points)
     chains = ChainGraph(len(points), known.pairs, known.lower, known.upper)
@@ -142,7 +142,7 @@ def _touch(first: Ranges, second: Ranges) -> bool:
 
 
 def common_ranges(ranges: Iterable[Ranges]) -> Ranges:
-    """Return what several ranges, each of some pairs, have in common."""
+    """Return the intersection of several ranges, each of some pairs."""
     common: dict[Pair, tuple[float, float]] = {}
     for pair, (low, high) in (item for given in ranges for item in given.items()):
         least, most = common.get(pair, (0.0, math.inf))
@@ -151,7 +151,7 @@ def common_ranges(ranges: Iterable[Ranges]) -> Ranges:
 
 
 def hull_of_ranges(ranges: list[Ranges]) -> Ranges:
-    """Return the smallest ranges that hold several."""
+    """Return the hull of several ranges."""
     return {
         pair: (min(r[pair][0] for r in ranges), max(r[pair][1] for r in ranges))
         for pair in ranges[0]

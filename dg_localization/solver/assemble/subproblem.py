@@ -24,8 +24,8 @@ Ranges = Mapping[Pair, tuple[float, float]]
 """Lower and upper bounds of the squared distances of some pairs in m^2."""
 
 MOST_DENSE = 200
-"""Bounds among more points are those of listed pairs; no n x n array is made of them. For fewer
-ones chains of known distances bound those of their ends."""
+"""Bounds among more points are stored by pair, without an n x n array. Among fewer points, chains
+of known distances bound the distances of their ends."""
 
 
 def restricted(
@@ -35,9 +35,9 @@ def restricted(
     more: Iterable[Constraint] = (),
 ) -> Problem | None:
     """
-    Return the problem of some points within bounds; None where these contradict each other.
+    Return the problem of some points within bounds; None if these contradict each other.
 
-    It has the sides and chiralities that the problem has among the points, and `more` of them.
+    It has the sides and chiralities of the problem among the points, and those in `more`.
     """
     number = {point: x for x, point in enumerate(points)}
     left: Bounds | PairBounds
@@ -73,7 +73,7 @@ def restricted(
 
 
 def restricted_boxes(boxes: Sequence[Bounds] | None, points: Points) -> list[Bounds] | None:
-    """Return the bounds of some points in each of some boxes, None without any boxes."""
+    """Return the bounds of some points in each box; None without boxes."""
     if boxes is None:
         return None
     index = np.ix_(points, points)
@@ -81,7 +81,7 @@ def restricted_boxes(boxes: Sequence[Bounds] | None, points: Points) -> list[Bou
 
 
 def parts_within(bounds: Iterable[Bounds], within: Sequence[Bounds] | None) -> list[Bounds]:
-    """Return what each of some bounds has in common with each of some boxes, if there are any."""
+    """Return the nonempty intersections of bounds with boxes; the bounds if there are no boxes."""
     if within is None:
         return list(bounds)
     common = (
@@ -92,7 +92,7 @@ def parts_within(bounds: Iterable[Bounds], within: Sequence[Bounds] | None) -> l
 
 
 def bounds_within(points: Points, parts: Iterable[tuple[Points, Bounds]]) -> Bounds:
-    """Return the bounds of the distances of some points, from those of parts of them."""
+    """Return the bounds of the distances of some points from the bounds of parts of them."""
     lower = np.zeros((len(points), len(points)))
     upper = np.full_like(lower, np.inf)
     for members, (low, high) in parts:
@@ -110,7 +110,7 @@ def as_box(bounds: Bounds) -> FloatArray:
 
 
 def _first_of(known: PairBounds) -> IntArray | None:
-    """Return the first point at the place of each point; None where all places may differ."""
+    """Return the first point at the place of each point; None if all places may differ."""
     zero = np.ascontiguousarray(known.pairs[known.upper == 0.0])
     if not len(zero):
         return None
@@ -121,7 +121,7 @@ def _first_of(known: PairBounds) -> IntArray | None:
 
 
 def with_shared_bounds(problem: Problem) -> Problem | None:
-    """Return a problem in which points at one place share their bounds; None where it has none."""
+    """Return a problem in which points at one place share bounds; None if bounds contradict."""
     known = problem.pairs
     first = _first_of(known)
     if first is None:
@@ -160,12 +160,12 @@ def pieces_of_problem(problem: Problem) -> Decomposition:
 
 
 MOST_CONTRACTED = 40
-"""Up to this many points are contracted together."""
+"""Most points that are contracted together."""
 
 MOST_TOGETHER = 60
-"""Up to this many points a piece is contracted as a whole: far pairs are bounded far better.
-It takes seconds for more."""
+"""Most points of a piece that is contracted as a whole, which bounds far pairs much better. It
+takes seconds for more points."""
 
 MOST_WORK_TOGETHER = 100_000
-"""Choices times the cube of the points, up to which all points are contracted for each choice, or
-the box of each choice is split once: halves of larger boxes are hardly narrower."""
+"""Greatest product of choices and cubed points for which all points are contracted for each choice
+or the box of each choice is split once: halves of larger boxes are little narrower."""

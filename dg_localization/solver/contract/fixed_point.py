@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Contraction of a box to a fixed point (Section 4): the stages, and the order they come in.
+Contraction of a box to a fixed point (Section 4): the stages and their order.
 
-One sweep smooths triangles, then projects, reduces and back-projects along all axes, the best
-known first. Linear combinations of all measured pairs follow as soon as no gap is left.
+One sweep smooths triangles, then projects, reduces and back-projects along all axes, best known
+first. Linear combinations of all measured pairs follow when no gap is left.
 """
 
 from __future__ import annotations
@@ -46,21 +46,21 @@ SMOOTHED_SWEEPS = 2
 """The first sweeps begin with the triangle inequalities; later ones gain nothing from them."""
 
 MAX_SWEEPS, MAX_QUICK_SWEEPS = 50, 2
-"""Most sweeps over all axes. Where a contraction is to be quick, later ones are left out: they
-narrow hardly anything of what joints leave open."""
+"""Most sweeps over all axes, in a full and in a quick contraction. Later sweeps narrow little of
+the ranges that joints leave open."""
 
 LEAST_GAIN = 0.05
 """A sweep that shortens no interval by more than this fraction is the last."""
 
 MOST_IDLE_TESTS = 4
-"""A sweep ends after this many tests in a row without such a gain: later axes are known less."""
+"""A sweep ends after this many tests in a row without such a gain: later axes are less known."""
 
 LEAST_GAP = 0.1
 """A gap narrower than this fraction of the resolution does not split a box."""
 
 
 leave_early = nullcontext if COMPILED else until
-"""Compiled kernels return soon; one in Python has to be left when the time is up."""
+"""Compiled kernels return soon; a kernel in Python must be interrupted when the time is up."""
 
 
 def _never() -> bool:
@@ -69,20 +69,20 @@ def _never() -> bool:
 
 
 class Pruned(NamedTuple):
-    """What is left of a box after contraction."""
+    """A box after contraction."""
 
     status: Status
     box: FloatArray
-    """Shape (4, n, n), in m^2; without meaning where the status is ``EMPTY``."""
+    """Shape (4, n, n), in m^2; meaningless if the status is ``EMPTY``."""
     explained: FloatArray
     """Shape (n, n): the widths that measurement errors explain to first order, in m^2."""
 
 
 def _local_sweeps(n_points: int, dimension: int) -> tuple[int, ...]:
     """
-    Return how many points the first sweeps project, those best known from the axis.
+    Return the numbers of points that the first sweeps project, the best known from the axis.
 
-    They take a fraction of the time of a sweep over all points, and leave less to gain
+    These sweeps take a fraction of the time of a full sweep and leave less for it to gain
     (benchmarks/notes).
     """
     if dimension == 3:
@@ -98,9 +98,9 @@ def _is_convex(problem: Problem) -> bool:
     """
     Return whether the distances of the placements in any box are a convex set.
 
-    Those of three points obey the triangle inequalities and nothing else, in the plane and in
-    space. These give the hull of the set, and parts of it would be parts of one hypothesis. One
-    chirality only chooses between mirror images; two may leave flat triangles alone.
+    The distances of three points obey only the triangle inequalities, in the plane and in space.
+    These give the hull of the set, and its parts would belong to one hypothesis. One chirality
+    only chooses between mirror images; two may leave flat triangles only.
     """
     most_points = 2 if problem.dimension == 1 else 3
     return problem.n_points <= most_points and len(problem.chiralities) < 2
@@ -110,9 +110,9 @@ class Contractor:
     """
     Contracts boxes of one problem, one at a time.
 
-    Three laws: the result lies inside the input; no placement of the input is lost; what is
-    removed once stays removed. A contraction ends when every distance is known to the resolution,
-    or to what the measurement errors explain, or when a sweep gains little.
+    Three laws hold: the result lies inside the input; no placement of the input is lost; nothing
+    that was removed returns. A contraction ends when every distance is known to the resolution or
+    to the width that measurement errors explain, or when a sweep gains little.
     """
 
     def __init__(self, problem: Problem, resolution_m: float, is_quick: bool = False) -> None:
@@ -127,7 +127,7 @@ class Contractor:
         # All axes of a sweep are applied before the measured pairs are combined.
         self._is_at_once = is_quick or n_points <= SMALL_FLEET
         self._local_sweeps = _local_sweeps(n_points, dimension)
-        # How many axes are tried with all points before a box with a gap is split.
+        # The number of axes tried with all points before a box with a gap is split.
         has_many = dimension == 3 or MOST_THROUGH < n_points <= 30
         self._axes_before_split = (2 if has_many else 12) * n_points
         triples = n_points**2 * min(n_points, MOST_THROUGH)
@@ -156,11 +156,11 @@ class Contractor:
         return sides_of(self.problem)
 
     def whole(self) -> FloatArray | None:
-        """Return the box of the problem itself, None where the triangles prove it to be empty."""
+        """Return the box of the problem itself; None if the triangles prove it empty."""
         return self._whole.copy() if self._is_possible else None
 
     def contract(self, box: FloatArray, stopped: Callable[[], bool] = _never) -> Pruned:
-        """Contract a box until nothing gains much."""
+        """Contract a box until further sweeps gain little."""
         status, left, explained = Status.UNFINISHED, box, np.zeros_like(box[LOWER])
         with leave_early(stopped):
             if self.is_convex:
@@ -176,7 +176,7 @@ class Contractor:
         return Pruned(status, left, explained)
 
     def projected(self, box: FloatArray, count: int) -> FloatArray | None:
-        """Return what is left after `count` points were projected along the best known axes."""
+        """Return a box contracted by projecting `count` points along the best known axes."""
         self._take(box)
         axes = rank_axes(box, self._axes)[: self._n_measured]
         return self._work.box.copy() if self._apply(axes, count) else None
@@ -191,7 +191,7 @@ class Contractor:
         """
         Narrow unknown pairs of a finished box in place, in the frame of the first of them.
 
-        See `contract_in_frame`; False when the box is proved to hold no placement.
+        See `contract_in_frame`; return False if the box is proved to hold no placement.
         """
         points, edges, errors = next(g for g in self._groups if pairs[0, 0] in g.points)
         local, of_points = sub_box(box, points), np.searchsorted(points, pairs)
@@ -205,8 +205,8 @@ class Contractor:
         """
         Narrow every group of connected points by linear combinations of its measured pairs.
 
-        The widths that measurement errors explain are written in m^2, zero for the pairs of a
-        group that the measurements do not make rigid. False when the box holds no placement.
+        The widths that measurement errors explain are written to `explained` in m^2; they are zero
+        in groups that are not rigid. Return False if the box holds no placement.
         """
         explained[:] = 0.0
         for points, edges, errors in self._groups:
@@ -229,7 +229,7 @@ class Contractor:
                 return Status.EMPTY
             axes = rank_axes(box, self._axes)
             if sweep < len(self._local_sweeps):
-                # The best axes are the measured pairs and what they soon reveal.
+                # The best axes are the measured pairs and the pairs that they soon bound.
                 best = axes[: self._n_measured]
                 status = self._project(best, self._local_sweeps[sweep], stopped)
             else:
@@ -244,7 +244,7 @@ class Contractor:
     def _project_and_combine(
         self, axes: IntArray, explained: FloatArray, stopped: Callable[[], bool]
     ) -> Status | None:
-        """Apply all axes, and test the box after every few; None when there is more to gain."""
+        """Apply all axes, and test the box after every few; None if there is more to gain."""
         box = self._work.box
         enough = min(len(axes), self._axes_before_split)
         per_test = max(1, len(axes) if self._is_at_once else self.problem.n_points // 2)
@@ -256,7 +256,7 @@ class Contractor:
             if status is not None:
                 return status
             if widest_gap_m(box) > LEAST_GAP * self._resolution_m:
-                # Each part alone contracts better than both together: leave them to the split.
+                # The two parts contract better after a split.
                 if first + len(some) >= enough:
                     return Status.CONTRACTED
             elif not self.combine(box, explained):
@@ -271,12 +271,12 @@ class Contractor:
         return None
 
     def _apply(self, axes: IntArray, count: int) -> bool:
-        """Apply axes to the scratch arrays; False when the box is empty."""
+        """Apply axes to the scratch arrays; return False if the box is empty."""
         dimension = self.problem.dimension
         return bool(apply_axes(*self._work, *self._sides, dimension, axes, count))
 
     def _project(self, axes: IntArray, count: int, stopped: Callable[[], bool]) -> Status | None:
-        """Apply axes, and look at the clock after every few; None when all were applied."""
+        """Apply axes, checking the clock after every few; None if all were applied."""
         for first in range(0, len(axes), self._axes_per_look):
             if first > 0 and stopped():
                 return Status.UNFINISHED

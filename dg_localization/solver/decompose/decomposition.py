@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Decomposition of a fleet: which points are rigid together, and how these pieces are joined.
+Decomposition of a fleet into rigid pieces and the joints between them.
 
 The rigid components of the graph of measured pairs are split at their separating sets: q points
-whose removal disconnects a component. What lies on either side of them may be mirrored in the
-hyperplane that they span, and each side is a smaller problem. A piece that the measurements among
-its own points do not hold rigid takes the distances of the points it shares from a piece that
-comes before it. (Hendrickson, SIAM J. Comput. 21(1), 1992, has the conditions in the plane.)
+whose removal disconnects a component. The parts on either side may be mirrored in the hyperplane
+of these points, and each part is a smaller problem. A piece that is not rigid by the measurements
+among its own points takes the distances of shared points from an earlier piece. (Hendrickson,
+SIAM J. Comput. 21(1), 1992, has the conditions in the plane.)
 """
 
 from __future__ import annotations
@@ -37,30 +37,29 @@ from dg_localization.solver.decompose.rigid_components import is_rigid, rigid_co
 from dg_localization.solver.result import Joint, JointKind
 
 REMEMBERED = 32
-"""For how many sets of measured pairs the pieces are kept."""
+"""Number of sets of measured pairs whose pieces are cached."""
 
 MOST_TRIPLES = 100
-"""In space, separating sets of three among more points are looked for at points with three pairs
-only."""
+"""In space, with more points, separating sets are sought at points with three pairs only."""
 
 
 @dataclass(frozen=True)
 class Decomposition:
-    """Pieces in an order to solve them in, and the joints between them."""
+    """Pieces in the order of their solution, and the joints between them."""
 
     pieces: tuple[Points, ...]
     joints: tuple[Joint, ...]
 
 
 def pieces_of(n_points: int, pairs: IntArray, dimension: int) -> Decomposition:
-    """Decompose a fleet with measured pairs, shape (m, 2), or return what was found before."""
+    """Decompose a fleet with measured pairs, shape (m, 2); results are cached."""
     return _remembered(n_points, np.ascontiguousarray(pairs).tobytes(), dimension)
 
 
 @lru_cache(maxsize=REMEMBERED)
 def _remembered(n_points: int, listed: bytes, dimension: int) -> Decomposition:
-    """Decompose a fleet into rigid pieces and joints, given its pairs one after another."""
-    # A kernel is compiled anew for arrays that are read only.
+    """Decompose a fleet into rigid pieces and joints, given the bytes of its pairs."""
+    # A kernel is compiled anew for read-only arrays.
     pairs = np.frombuffer(listed, dtype=np.int64).reshape(-1, 2).copy()
     measured = {(i, j) for i, j in pairs.tolist()}
     components = rigid_components(n_points, pairs, dimension)
@@ -93,7 +92,7 @@ def _remembered(n_points: int, listed: bytes, dimension: int) -> Decomposition:
 
 @dataclass
 class _Joint:
-    """A joint of parts, by their numbers."""
+    """A joint between parts, given by number."""
 
     parts: set[int]
     points: Points
@@ -132,7 +131,7 @@ def _joints_of_components(
             of_point[point].append(x)
     holders: dict[Points, set[int]] = {}
     for point, numbers in sorted(of_point.items()):
-        # Components that share a line are hinged there, and need no joint at its points.
+        # Components that share a line have a hinge there, and need no joint at its points.
         group = {x: x for x in numbers}
         for first, second in combinations(numbers if dimension == 3 else (), 2):
             line = tuple(sorted({*components[first]} & {*components[second]}))
@@ -144,7 +143,7 @@ def _joints_of_components(
             holders[(point,)] = roots
     offsets = np.cumsum([0, *map(len, parts)]).tolist()
     for points, among in sorted(holders.items()):
-        # Of each component the first part that has all the points.
+        # The first part of each component that has all the points.
         sharing = {
             next((offsets[c] + x for x, p in enumerate(parts[c]) if {*points} <= {*p}), -1)
             for c in among
@@ -161,9 +160,9 @@ def _ordered(
     dimension: int,
 ) -> Decomposition:
     """
-    Return parts in an order in which each is rigid once the earlier ones are known.
+    Return parts in an order in which each is rigid when the earlier ones are known.
 
-    Parts that wait for each other, which only happens in space, are merged.
+    Parts that depend on each other, which only happens in space, are merged.
     """
     n_points, pairs, measured = graph
     known: set[Pair] = set()
@@ -203,7 +202,7 @@ def _ordered(
             joints = [joint for joint in joints if len(joint.parts) > 1]
             left = [x for x in left if x not in stuck or x == merged]
             if len(stuck) == 1:
-                # It waits in vain.
+                # No other part will make it rigid.
                 order.append(merged)
                 known |= shared(merged)
                 left.remove(merged)
@@ -215,7 +214,7 @@ def _ordered(
 
 
 def _separators(graph: Graph, dimension: int) -> IntArray:
-    """Return separating sets of q points: all of them, but for many points in space."""
+    """Return separating sets of q points; not always all of them for many points in space."""
     n_points = len(graph.start) - 1
     if dimension == 3 and n_points > MOST_TRIPLES:
         ends = zip(graph.start[:-1], graph.start[1:], strict=True)
@@ -235,7 +234,7 @@ def _separators(graph: Graph, dimension: int) -> IntArray:
 def _split(
     n_points: int, pairs: IntArray, dimension: int
 ) -> tuple[list[IntArray], list[tuple[IntArray, list[int]]]]:
-    """Return the parts of a rigid component, and the separating sets with the parts at each."""
+    """Return the parts of a rigid component, and its separating sets with the parts at each."""
     graph = graph_of(n_points, pairs)
     parts = [np.ones(n_points, dtype=np.bool_)]
     parts_of = [{0} for _ in range(n_points)]

@@ -4,11 +4,11 @@
 """
 Rigid components: the maximal sets of points that measured pairs hold rigid, generically.
 
-Points that have q distances to a rigid cluster belong to it; that finds most of every component.
-What is left is decided by the rigidity matrix at random coordinates modulo a large prime. Its
-rank is the generic rank, but for a chance of about one in the prime, and never exceeds it, so that
-rigidity is certain. A random motion that keeps all measured distances keeps, with the same
-certainty, only those that are implied by them.
+Points with q distances to a rigid cluster belong to it; that finds most of every component. The
+rest is decided by the rigidity matrix at random coordinates modulo a large prime. Its rank never
+exceeds the generic rank, so rigidity is certain; it is lower with a probability of about one over
+the prime. With the same confidence, a random motion that keeps all measured distances keeps only
+the distances that they imply.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ PRIME = 2**31 - 1
 """The sum of two products of residues fits into 64 bits."""
 
 RANK_TOLERANCE = 1e-6
-"""A direction in which the measured distances resist less than this does not count."""
+"""Relative tolerance of the ranks of rigidity matrices and faces."""
 
 SEED = 1
-"""The coordinates are random, and the same in every run."""
+"""Seed of the random coordinates, which are the same in every run."""
 
 
 def rigid_rank(n_points: int, dimension: int) -> int:
@@ -53,8 +53,8 @@ def is_flexible(positions: FloatArray, measured: BoolArray) -> bool:
     """
     Return whether the measured distances leave a placement free to move, at least to first order.
 
-    Where the rank of the rigidity matrix is lower than in general position, there are motions
-    besides those of the whole fleet that no measurement resists: a flex.
+    If the rank of the rigidity matrix is lower than in general position, there are motions besides
+    those of the whole fleet that change no measurement to first order: a flex.
     """
     n_points, dimension = positions.shape
     rows, columns = pairs_among(n_points)
@@ -65,7 +65,7 @@ def is_flexible(positions: FloatArray, measured: BoolArray) -> bool:
     if len(i) < rank:
         return True
     look_after(len(i) * positions.size**2 // 10)
-    # Squares must not overflow; points that coincide resist no motion.
+    # Squares must not overflow; coincident points give zero rows.
     arms = (positions[i] - positions[j]) / (np.abs(positions).max() or 1.0)
     lengths = np.sqrt((arms * arms).sum(axis=1))
     units = arms / np.where(lengths > 0.0, lengths, 1.0)[:, None]
@@ -98,7 +98,7 @@ def rigid_components(n_points: int, pairs: IntArray, dimension: int) -> list[Poi
 
 
 def _cluster(neighbors: list[set[int]], i: int, j: int, dimension: int) -> list[int]:
-    """Return points that a measured pair grows by: each has q distances to others."""
+    """Return the cluster grown from a measured pair: each point has q distances to others."""
     order, inside, n_links = [i, j], {i, j}, Counter[int]()
     for point in order:
         for other in neighbors[point] - inside:
@@ -134,17 +134,16 @@ def _without_interiors(
     bodies: list[set[int]], held: list[set[int]], bars: list[Pair], dimension: int
 ) -> IntArray:
     """
-    Return pairs among fewer points, by which bodies and bars may make larger ones, shape (m, 2).
+    Return pairs among fewer points that give the same joins of bodies and bars, shape (m, 2).
 
-    A body is replaced by q of its points and those that others share; a point that one bar holds
-    adds nothing.
+    A body is replaced by q of its points and its shared points; a point with one bar adds nothing.
     """
     n_bars = Counter(point for bar in bars for point in bar)
     while loose := [b for b in bars if any(not held[p] and n_bars[p] == 1 for p in b)]:
         n_bars.subtract(point for bar in loose for point in bar)
         bars = [bar for bar in bars if bar not in loose]
     if dimension == 1 or len(bodies) + len(bars) < 3:
-        # Two bodies that share fewer than q points turn about these.
+        # Two bodies that share fewer than q points rotate about them.
         return np.empty((0, 2), dtype=np.int64)
     kept = {(min(bar), max(bar)) for bar in bars}
     for body in bodies:
@@ -156,7 +155,7 @@ def _without_interiors(
 
 
 def joined_bodies(parts: Sequence[Collection[int]], n_common: int) -> list[set[int]]:
-    """Return what rigid parts make together where common points make two of them one."""
+    """Return the unions of rigid parts that are joined by `n_common` common points."""
     bodies: dict[int, set[int]] = {}
     holders: dict[int, set[int]] = {}
     for number, part in enumerate(parts):
@@ -183,7 +182,7 @@ def joined_bodies(parts: Sequence[Collection[int]], n_common: int) -> list[set[i
 def implied_pairs(n_points: int, pairs: IntArray, dimension: int) -> BoolArray:
     """Return which distances the measured ones imply, generically up to finitely many values."""
     positions, motion = np.random.default_rng(SEED).integers(1, PRIME, (2, n_points, dimension))
-    # Points with few pairs come first: their rows hardly fill the others.
+    # Points with few pairs come first: eliminating them causes little fill-in.
     order = np.argsort(np.bincount(pairs.ravel(), minlength=n_points), kind='stable')
     i, j = np.argsort(order)[pairs].T
     places, number = positions[order], np.arange(len(pairs))
@@ -199,7 +198,7 @@ def implied_pairs(n_points: int, pairs: IntArray, dimension: int) -> BoolArray:
 
 
 def _kept_motion(rows: IntArray, motion: IntArray) -> IntArray:
-    """Return a motion modulo the prime on which all rows vanish, a given one where it is free."""
+    """Return a motion in the null space of rows modulo the prime; its free entries are given."""
     pivots: list[int] = []
     for column in range(rows.shape[1]):
         rank = len(pivots)

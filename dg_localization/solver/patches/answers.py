@@ -33,22 +33,22 @@ from dg_localization.solver.result import Hypothesis
 from dg_localization.solver.search.budget import Budget
 
 MOST_NUMBERS = 10**6
-"""Hypotheses times the square of the points, up to which those of a large piece are listed."""
+"""Greatest product of hypotheses and squared points for which a large piece is listed."""
 
 MOST_PIVOTS = 60
-"""Placements are laid out by the chains from this many points to all."""
+"""Most points whose chains to all points lay out a placement."""
 
 MOST_RANKED = 150
-"""Up to this size the rank of a placement is computed, which takes their cube of time; larger
-pieces count as flexible where their patches do not hold them together."""
+"""Up to this size the rank of a placement is computed, which takes cubic time; larger pieces count
+as flexible if their patches do not hold them together."""
 
 
 class ChainedHypothesis(LazyHypothesis):
     """
     A hypothesis of a large piece, which keeps the bounds of known pairs only.
 
-    Those of all pairs follow from chains of known ones, and its placement is sought, when they
-    are asked for.
+    The bounds of all pairs, from chains of known ones, and the placement are computed at first
+    use.
     """
 
     _graph: ChainGraph
@@ -117,7 +117,7 @@ class ChainedHypothesis(LazyHypothesis):
 
 
 class PatchAnswers:
-    """What the patches of a piece make together."""
+    """The combined hypotheses of the patches of a piece."""
 
     def __init__(
         self,
@@ -135,7 +135,7 @@ class PatchAnswers:
         self._chains = ChainGraph(problem.n_points, known.pairs, known.lower, known.upper)
 
     def boxes(self, most: int) -> list[Bounds]:
-        """Return boxes of all pairs that hold every placement between them."""
+        """Return boxes of all pairs that together hold every placement."""
         rows, columns = self._solved.known.pairs.T
         boxes = []
         for choice in self._ambiguities.choices(most):
@@ -147,7 +147,7 @@ class PatchAnswers:
         return parts_within(boxes, self._within)
 
     def hypotheses(self, most: int) -> list[Hypothesis]:
-        """Return hypotheses that hold every placement between them."""
+        """Return hypotheses that together hold every placement."""
         n_points = self._problem.n_points
         limit = max(1, MOST_NUMBERS // n_points**2)
         choices = self._ambiguities.choices(1 if self._budget.is_over() else min(most, limit))
@@ -168,7 +168,7 @@ class PatchAnswers:
         positions, proved = anywhere
         if start is None or positions is None or not choice:
             return anywhere
-        # It belongs to the choice that it lies in; of most others there is no placement at all.
+        # It belongs to the choice that it lies in; most other choices have no placement at all.
         if proved and self._is_within(positions, choice):
             return anywhere
         known = self._solved.known.pairs, *self._chosen(choice)
@@ -194,7 +194,7 @@ class PatchAnswers:
         """Return a placement with any hypotheses of the patches, and whether it is proved."""
         known = self._solved.known.pairs, *self._chosen({})
         measured = self._problem.pairs.pairs, self._problem.pairs.lower, self._problem.pairs.upper
-        # Known pairs give the shape; what has to agree are the measured ones.
+        # All known pairs give the shape; then the measured pairs must agree.
         positions = refined(start, *known, 0.0, stopped, QUICK)
         positions = refined(positions, *measured, MARGIN, stopped)
         proved = False
@@ -207,13 +207,13 @@ class PatchAnswers:
         return positions, proved
 
     def _settled(self, positions: FloatArray) -> tuple[FloatArray, bool]:
-        """Return a placement with the chirality that is known, and whether it is proved."""
+        """Return a placement with the known chirality, and whether it is proved."""
         placed = with_known_chirality(self._problem, positions)
         return settled(self._problem, placed, self._boxes_within)
 
     @cached_property
     def _boxes_within(self) -> list[FloatArray] | None:
-        """The boxes that placements have to lie in, None where they may lie anywhere."""
+        """The boxes of `within`; None if placements may lie anywhere."""
         return None if self._within is None else [np.array(bounds) for bounds in self._within]
 
     def _is_within(self, positions: FloatArray, choice: Mapping[int, int]) -> bool:
@@ -221,7 +221,7 @@ class PatchAnswers:
         return pairs_lie_within(self._solved.known.pairs, *self._chosen(choice), positions)
 
     def _may_move(self) -> bool:
-        """Return whether a placement can move; also where that takes too long to examine."""
+        """Return whether a placement can move, or that takes too long to examine."""
         solved = self._solved
         patches = [h for p in solved.patches for h in p.remaining()]
         if solved.is_one_body and not any(h.flexible for h in patches):

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What patches say of the pairs that they share, and which of their hypotheses go together.
+Bounds of pairs that patches share, and compatibility of the hypotheses of patches.
 
-A pair that lies in several patches has a squared distance that each of them bounds. A hypothesis
-whose bounds do not meet what all others allow is dropped, until none is left to drop (arc
-consistency). Choices of one hypothesis for every patch are listed while they are few.
+A pair in several patches has a squared distance that each of them bounds. Hypotheses whose bounds
+do not meet the bounds of all other patches are dropped, until none is left to drop (arc
+consistency). Choices of one hypothesis for every patch are listed if they are few.
 """
 
 from __future__ import annotations
@@ -29,27 +29,27 @@ from dg_localization.solver.result import Hypothesis
 
 @dataclass(eq=False)
 class Patch:
-    """Some points of a piece and the hypotheses that hold all their placements."""
+    """Points of a piece with the hypotheses that hold all their placements."""
 
     points: Points
     hypotheses: list[Hypothesis]
-    pending: set[bytes]  # the bounds of boxes among theirs that were not examined
+    pending: set[bytes]  # the bounds of boxes that were not examined
     left: BoolArray = field(init=False)  # which hypotheses agree with the other patches
 
     def __post_init__(self) -> None:
-        """Begin with all hypotheses."""
+        """Start with all hypotheses."""
         self.left = np.ones(len(self.hypotheses), dtype=np.bool_)
 
     def remaining(self) -> list[Hypothesis]:
-        """Return the hypotheses that are left."""
+        """Return the remaining hypotheses."""
         return [self.hypotheses[x] for x in np.flatnonzero(self.left)]
 
     def n_boxes(self) -> int:
-        """Return how many boxes the hypotheses that are left have."""
+        """Return the number of boxes of the remaining hypotheses."""
         return sum(len(hypothesis.boxes) for hypothesis in self.remaining())
 
     def n_pending(self) -> int:
-        """Return how many of these were not examined."""
+        """Return the number of these boxes that were not examined."""
         if not self.pending:
             return 0
         boxes = (box for hypothesis in self.remaining() for box in hypothesis.boxes)
@@ -80,7 +80,7 @@ class KnownPairs:
         return np.asarray(members[rows] * self._n_points + members[columns])
 
     def narrow(self) -> int | None:
-        """Drop hypotheses until all agree; return a patch that is left without any."""
+        """Drop hypotheses until all agree; return a patch without any left, or None."""
         for number, patch in enumerate(self._patches):
             if not patch.left.any():
                 return number
@@ -94,10 +94,10 @@ class KnownPairs:
         return empty
 
     def _drop(self, left: BoolArray, counts: Sequence[int]) -> int | None:
-        """Drop hypotheses and narrow pairs until nothing changes; return a patch without any."""
+        """Drop hypotheses and narrow pairs to a fixed point; return a patch without any left."""
         sizes = [len(numbers) for numbers in self.numbers]
         first_row = np.cumsum([0, *counts[:-1]])
-        # One entry for each pair of each hypothesis: its hypothesis, and its pair in the patch.
+        # One entry per pair of each hypothesis: its hypothesis, and the index of its pair.
         rows = np.repeat(np.arange(len(left)), np.repeat(sizes, counts))
         blocks = zip(np.cumsum([0, *sizes[:-1]]), sizes, counts, strict=True)
         slots = np.concatenate([np.tile(np.arange(a, a + m), k) for a, m, k in blocks])
@@ -126,14 +126,14 @@ class KnownPairs:
         return self.numbers[patch], self._bounds[patch][:, hypothesis]
 
     def bounds_of_shared(self, first: int, second: int) -> tuple[FloatArray, FloatArray]:
-        """Return what two patches say of the pairs that both have."""
+        """Return the bounds of two patches on their common pairs."""
         _, of_first, of_second = np.intersect1d(
             self.numbers[first], self.numbers[second], assume_unique=True, return_indices=True
         )
         return self._bounds[first][:, :, of_first], self._bounds[second][:, :, of_second]
 
     def among(self, points: Points) -> Bounds:
-        """Return the bounds of all pairs of some points; what no patch holds is unbounded."""
+        """Return the bounds of all pairs of some points; pairs in no patch are unbounded."""
         pairs = PairBounds(self._n_points, self._all_keys, self.lower, self.upper)
         return pairs.among(points)
 
@@ -146,11 +146,11 @@ def _bounds_of(patch: Patch) -> FloatArray:
 
 
 Choice = dict[int, int]
-"""The hypothesis chosen for each patch that has several left."""
+"""The chosen hypothesis of each patch that has several left."""
 
 
 class Ambiguities:
-    """The patches that have several hypotheses left, and which of these go together."""
+    """The patches that have several hypotheses left, and their compatible pairs."""
 
     def __init__(
         self, patches: Sequence[Patch], known: KnownPairs, stopped: Callable[[], bool]
@@ -161,7 +161,7 @@ class Ambiguities:
         links = []
         for first, second in self._overlapping():
             if stopped():
-                # Choices that do not agree are told apart no more, which loses none.
+                # Incompatible choices are no longer found, which loses no placement.
                 break
             numbers = self._ambiguous[first], self._ambiguous[second]
             (low, high), (other_low, other_high) = known.bounds_of_shared(*numbers)
@@ -176,7 +176,7 @@ class Ambiguities:
         self._combinations = Combinations(counts, Network(links=links))
 
     def _overlapping(self) -> Iterator[tuple[int, int]]:
-        """Yield the ambiguous patches that share pairs, two at a time, in their order."""
+        """Yield two at a time the ambiguous patches that share pairs, in their order."""
         holders: dict[int, list[int]] = {}
         for second, number in enumerate(self._ambiguous):
             points = self._patches[number].points
@@ -186,7 +186,7 @@ class Ambiguities:
                 holders.setdefault(point, []).append(second)
 
     def drop_unmatched(self) -> bool:
-        """Drop hypotheses that a neighbor has no match for; return whether there were any."""
+        """Drop hypotheses without a match in a neighbor; return whether there were any."""
         dropped = False
         for number, numbers, kept in zip(
             self._ambiguous, self._left, self._combinations.left, strict=True
@@ -197,7 +197,7 @@ class Ambiguities:
         return dropped
 
     def choices(self, most: int) -> list[Choice]:
-        """Return all choices that agree pair by pair, or none chosen where there are too many."""
+        """Return all choices that agree pair by pair, or an empty choice if there are too many."""
         listed = self._combinations.listed(lambda _: True)
         found = list(islice(listed, most + 1))
         if len(found) > most:

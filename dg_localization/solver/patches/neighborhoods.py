@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Which points make a patch: small rigid neighborhoods that cover every measured pair.
+Choice of patches: small rigid neighborhoods that cover every measured pair.
 
-Everything here works on the graph of known pairs alone. It decides how much work there is and how
-much the patches tell, never what is true: any set of points may be solved as a problem of its own.
+Everything here works on the graph of known pairs only. It affects the work and the width of the
+answer but not its soundness: any set of points may be solved as a problem of its own.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from dg_localization.solver.decompose.graph import Pair, Points
 from dg_localization.solver.decompose.rigid_components import joined_bodies, rigid_components
 
 PATCH_POINTS = 8
-"""Most points of a patch: larger ones took longer, and left as much open."""
+"""Most points of a patch: larger ones took longer and gave bounds as wide."""
 
 SEAM_POINTS = 12
 """Most shared points of a patch that joins bodies of patches."""
 
 SEAM_HOPS = 3
-"""Points of a body that are farther apart, counted in known pairs, do not hold a seam."""
+"""Greatest number of known pairs between two points of a body that are joined across a seam."""
 
 MOST_FILLED = 20
 FILLED_AT_ONCE = 4
-"""A patch in a body is filled up to this many points, a few more at a time."""
+"""Most points of a patch in a body, and how many are added to it at a time."""
 
 
 class Neighborhoods:
-    """Neighborhoods in a graph."""
+    """Finds neighborhoods in a graph of known pairs."""
 
     def __init__(self, n_points: int, pairs: Iterable[Pair], dimension: int) -> None:
         self._dimension = dimension
@@ -42,11 +42,11 @@ class Neighborhoods:
             self.neighbors[j].add(i)
 
     def grown(self, seed: Iterable[int], most: int) -> set[int]:
-        """Return a set of points with those that have most known pairs to it, up to this many."""
+        """Return a set grown to at most `most` points, those with most known pairs to it first."""
         inside = set(seed)
         n_points = len(self.neighbors)
-        # The links to a point, less what puts equal ones in order: those with few neighbors come
-        # first, which are hard to hold otherwise. All in one number, which is compared fastest.
+        # The rank of a point is its links to the set, minus a tie-breaker below one link. Ties put
+        # points with few neighbors first, since they are hard to hold later.
         link = n_points**2
         ranks: dict[int, int] = {}
 
@@ -60,7 +60,7 @@ class Neighborhoods:
             count_links(point)
         while len(inside) < most and ranks:
             best = max(ranks, key=ranks.__getitem__)
-            # What is subtracted is less than one link.
+            # The tie-breaker is less than one link.
             if ranks.pop(best) <= (self._dimension - 1) * link:
                 break
             inside.add(best)
@@ -68,7 +68,7 @@ class Neighborhoods:
         return inside
 
     def rigid_part(self, points: Collection[int], wanted: Collection[int]) -> Points:
-        """Return the largest rigid part of some points that holds the wanted ones, or nothing."""
+        """Return the largest rigid part of points that holds the wanted ones, or nothing."""
         ordered = sorted(points)
         local = {point: x for x, point in enumerate(ordered)}
         inner = [
@@ -84,7 +84,7 @@ class Neighborhoods:
         return tuple(ordered[x] for x in max(held, key=len, default=()))
 
     def within_hops(self, start: int, body: set[int], most: int) -> set[int]:
-        """Return the points of a body that a number of known pairs, or fewer, lead to."""
+        """Return the points of a body within `most` known pairs of a start."""
         seen = front = {start}
         for _ in range(most):
             front = set().union(*(self.neighbors[point] for point in front)) & body - seen
@@ -126,7 +126,7 @@ def covering_patches(
     most: int,
     stopped: Callable[[], bool],
 ) -> list[Points]:
-    """Return patches that cover every known pair, or those found until there is no time left."""
+    """Return patches that cover every known pair, or those found before the time is over."""
     patches: list[Points] = []
     covered: set[Pair] = set()
     for seed in dict.fromkeys(seeds):
@@ -150,9 +150,9 @@ def covering_patches(
 
 def bodies_of(patches: Sequence[Points], dimension: int) -> list[set[int]]:
     """
-    Return what patches that share more than q points make together, the largest first.
+    Return the unions of patches that share more than q points, largest first.
 
-    Patches that share q points only may be mirrored in them, unless a third one says otherwise.
+    Patches that share only q points may be mirrored in them, unless a third one prevents it.
     """
     bodies = joined_bodies(patches, dimension + 1)
     return sorted(bodies, key=lambda body: (-len(body), min(body)))
@@ -165,11 +165,11 @@ def seam_patches(
     stopped: Callable[[], bool],
 ) -> list[Points]:
     """
-    Return patches across the seams between bodies, or those found until there is no time left.
+    Return patches across the seams between bodies, or those found before the time is over.
 
-    The points that several bodies share hold the bodies together; with all distances within a
-    body known they are a problem of the same kind, and a small one. Where some of these distances
-    are not known yet, patches in the bodies come first that make them known.
+    Points in several bodies hold the bodies together. With all distances within each body known,
+    they form a small problem of the same kind. If some of these distances are not known yet,
+    patches within the bodies come first to find them.
     """
     n_points = len(known.neighbors)
     n_bodies = np.zeros(n_points, dtype=np.int64)
@@ -194,7 +194,7 @@ def seam_patches(
 
 
 def _braced(known: Neighborhoods, patch: Points, bodies: Sequence[set[int]]) -> list[Points]:
-    """Return a patch whose bodies are known, else the patches in bodies that make them known."""
+    """Return a patch if its distances in bodies are known, else patches in bodies to find them."""
     braces = []
     for body in bodies:
         inside = tuple(sorted(body & set(patch)))
@@ -207,7 +207,7 @@ def _braced(known: Neighborhoods, patch: Points, bodies: Sequence[set[int]]) -> 
 
 
 def _filled(known: Neighborhoods, wanted: Points, body: set[int]) -> Points:
-    """Return points of a body with those between them, nothing where it takes many."""
+    """Return a rigid part of a body that holds the wanted points, or nothing if too large."""
     points = set(wanted)
     for point in wanted:
         points |= known.paths(point, wanted, body)

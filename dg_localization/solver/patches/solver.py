@@ -5,14 +5,14 @@
 A large rigid piece, solved in patches.
 
 Small rigid neighborhoods cover all measured pairs and overlap. Each is solved as a problem of its
-own; what all of them say of a shared pair narrows it, and hypotheses that contradict their
-neighbors are dropped. Further patches cross the seams between those that are held together, and
-look again at those that several hypotheses are left of. Every placement of the piece is a
-placement of each patch, so that nothing is lost, whatever the patches are.
+own; shared pairs get the intersection of their bounds, and hypotheses that contradict their
+neighbors are dropped. Further patches cross the seams between bodies of patches, and review
+patches with several remaining hypotheses. Every placement of the piece is a placement of each
+patch, so no placement is lost for any choice of patches.
 
-Patches are independent tasks, for this process or for those of an executor. They are handed out
-in batches and taken back in their order, so that the answer is the one that this process alone
-would give. Clocks differ between machines: a task takes along how much time is left.
+Patches are independent tasks, for this process or the workers of an executor. They are submitted
+in batches and collected in order, so that the answer is the same as without workers. Clocks differ
+between machines, so a task carries its remaining time.
 """
 
 from __future__ import annotations
@@ -45,24 +45,24 @@ from dg_localization.solver.search.budget import Budget
 from dg_localization.solver.search.search import search
 
 PARTS_PER_TASK = 16
-"""Parts of a task: enough that handing them over takes less time than they do."""
+"""Parts of a task: enough that their transfer takes less time than their solution."""
 
 LOOK_S = 0.02
-"""How long to wait for a task before looking whether the call was cancelled."""
+"""Time to wait for a task before checking whether the call was cancelled."""
 
 
 @dataclass(frozen=True)
 class Subproblem:
     """A part of a problem."""
 
-    problem: Problem | None  # None where its bounds contradict each other
+    problem: Problem | None  # None if its bounds contradict each other
     within: Sequence[Bounds] | None
-    all_or_nothing: bool = False  # a cover with boxes that were not examined is of no use
+    all_or_nothing: bool = False  # whether an incomplete cover is of no use
 
 
 @dataclass(frozen=True)
 class SolvedSubproblem:
-    """The cover of a part, the effort, and the hypotheses that the cover makes."""
+    """The cover of a part, its effort, and its hypotheses."""
 
     cover: Paving
     statistics: Statistics
@@ -73,7 +73,7 @@ def solve_subproblem(part: Subproblem, budget: Budget) -> SolvedSubproblem:
     """Solve one part."""
     if part.problem is None:
         return SolvedSubproblem(Paving(), Statistics(), ())
-    # One box at a time, so that no answer depends on the processors of a worker.
+    # One box at a time, so that the answer does not depend on the processors of a worker.
     cover = search(part.problem, budget, part.within, all_or_nothing=part.all_or_nothing)
     statistics = cover.statistics(len(cover.pending), budget.seconds())
     if part.all_or_nothing and cover.pending:
@@ -88,7 +88,7 @@ def solve_subproblems(
     most_boxes: int,
     stopped: Callable[[], bool],
 ) -> Iterator[SolvedSubproblem]:
-    """Solve independent parts, in their order and with all that is left of a budget."""
+    """Solve independent parts in their order with all of the remaining budget."""
 
     def solved_here(part: Subproblem) -> SolvedSubproblem:
         solved = solve_subproblem(part, budget.part(1.0, most_boxes))
@@ -104,7 +104,7 @@ def solve_subproblems(
     limits = budget.part(1.0, most_boxes)
     for part, solved in _solved_by_workers(budget.executor, parts, limits, stopped):
         if budget.boxes_left() < limits.options.max_boxes:
-            # This process would have given it fewer boxes.
+            # Without workers this part would have had fewer boxes.
             solved = solved_here(part)
         else:
             budget.spend(solved.statistics)
@@ -114,7 +114,7 @@ def solve_subproblems(
 
 @default_environment()
 def _solve_batch(parts: Sequence[Subproblem], options: SolverOptions) -> list[SolvedSubproblem]:
-    """Solve parts one after another, in a worker; those that there is time for."""
+    """Solve parts one after another in a worker, as time allows."""
     budget = Budget(options)
     solved: list[SolvedSubproblem] = []
     for part in parts:
@@ -149,28 +149,28 @@ def _solved_by_workers(
 def _wait_for(
     future: Future[list[SolvedSubproblem]], stopped: Callable[[], bool]
 ) -> list[SolvedSubproblem]:
-    """Return the result of a task, nothing when there is no time left to wait for it."""
+    """Return the result of a task, or nothing if the time is over."""
     while True:
         try:
             return future.result(timeout=LOOK_S)
         except TimeoutError:
             if future.done():
-                # The wait was over, or the task itself raised this.
+                # The task has finished, or raised this error itself.
                 return future.result()
             if stopped():
                 return []
 
 
 MOST_WHOLE = 16
-"""A piece of more points is solved in patches, in the plane."""
+"""A piece of more points in the plane is solved in patches."""
 
 MOST_PATCH_BOXES = 200
 MOST_SEAM_BOXES = 40
 MOST_REVIEW_BOXES = 12
-"""One patch may take this many boxes; those that come later are given up where they take more."""
+"""Most boxes of one patch; seam and review patches that need more are discarded."""
 
 REVIEW_POINTS = 14
-"""Most points of a patch that looks again at what another one leaves open."""
+"""Most points of a patch that reviews an ambiguous patch."""
 
 
 @dataclass
@@ -179,23 +179,23 @@ class SolvedPatches:
 
     patches: list[Patch]
     known: KnownPairs
-    is_one_body: bool = False  # they hold all points of the piece together
-    n_unsolved: int = 0  # were not begun for want of time
+    is_one_body: bool = False  # whether they hold all points of the piece together
+    n_unsolved: int = 0  # number of patches not begun for lack of time
 
     def is_empty(self) -> bool:
-        """Return whether a patch is left without a hypothesis: there is no placement."""
+        """Return whether a patch has no hypothesis left, so that there is no placement."""
         return len(self.patches) == 1 and not self.patches[0].left.any()
 
     def is_complete(self) -> bool:
-        """Return whether all patches were examined to the end."""
+        """Return whether all patches were examined completely."""
         return self.n_pending() == 0
 
     def n_boxes(self) -> int:
-        """Return how many boxes the patches have; one that was not solved has one."""
+        """Return the number of boxes of the patches; an unsolved patch counts as one."""
         return sum(patch.n_boxes() for patch in self.patches) + self.n_unsolved
 
     def n_pending(self) -> int:
-        """Return how many of these were not examined to the end."""
+        """Return the number of boxes that were not examined."""
         return sum(patch.n_pending() for patch in self.patches) + self.n_unsolved
 
 
@@ -220,7 +220,7 @@ class PatchSolver:
         self._measured = Neighborhoods(problem.n_points, self._pairs, problem.dimension)
 
     def run(self) -> SolvedPatches | None:
-        """Return the solved patches, None where no neighborhood is rigid."""
+        """Return the solved patches; None if no neighborhood is rigid."""
         q = self._problem.dimension
         if q != 2:
             # In space few neighborhoods of so few points are rigid.
@@ -249,7 +249,7 @@ class PatchSolver:
         most_boxes: int,
         all_or_nothing: bool = False,
     ) -> Iterator[Patch]:
-        """Solve patches within what is known of their pairs, while there is time."""
+        """Solve patches within the known bounds of their pairs, as time allows."""
         parts = (
             Subproblem(
                 restricted(self._problem, points, known.among(points) if known else None),
@@ -264,7 +264,7 @@ class PatchSolver:
             yield Patch(points, list(found.hypotheses), pending)
 
     def _narrowed(self, patches: Sequence[Patch]) -> tuple[KnownPairs, Patch | None]:
-        """Return the pairs of all patches, and a patch that is left without a hypothesis."""
+        """Return the pairs of all patches, and a patch without a hypothesis left, if any."""
         known = KnownPairs(self._problem, self._pairs, patches)
         while True:
             number = known.narrow()
@@ -278,7 +278,7 @@ class PatchSolver:
     def _further(
         self, known: KnownPairs, patches: Sequence[Patch], bodies: Sequence[set[int]]
     ) -> Iterator[Patch]:
-        """Yield patches across the seams between bodies, and about what is open."""
+        """Yield patches across the seams between bodies, and reviews of ambiguous patches."""
         q = self._problem.dimension
         graph = Neighborhoods(self._problem.n_points, map(tuple, known.pairs.tolist()), q)
         seams = [] if self._is_one(bodies) else seam_patches(graph, bodies, q, self._is_over)
@@ -291,7 +291,7 @@ class PatchSolver:
             new = [points for points in dict.fromkeys(chosen) if points not in self._tried]
             self._tried.update(new)
             solved = self._solved([*filter(None, new)], known, most, all_or_nothing=True)
-            # One that takes many boxes is worth nothing, and nothing depends on it.
+            # Incomplete patches are discarded: nothing depends on them.
             yield from (patch for patch in solved if not patch.pending)
 
     def _is_one(self, bodies: Sequence[set[int]]) -> bool:
@@ -299,7 +299,7 @@ class PatchSolver:
         return bool(bodies) and len(bodies[0]) == self._problem.n_points
 
     def _review(self, patch: Patch, graph: Neighborhoods) -> Points:
-        """Return a patch and all that its most open point measures, or nothing."""
+        """Return a rigid part around a patch and its most ambiguous point, or nothing."""
         lengths = np.array([np.sqrt(h.lower) + np.sqrt(h.upper) for h in patch.remaining()])
         # Its distances differ most between the hypotheses of the patch.
         point = patch.points[int(np.argmax(np.ptp(lengths, axis=0).sum(axis=0)))]

@@ -1,4 +1,4 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a cover means: placements, proofs, rigidity, hypotheses."""
+"""From a cover to hypotheses: placements and their proofs."""

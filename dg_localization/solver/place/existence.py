@@ -2,21 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The proof that a placement exists next to given coordinates.
+The proof that a placement exists near given coordinates.
 
 No coordinates in floating point meet exact distances. With displacements e of the points, a pair
 has the squared distance t when
 
     d . (e_i - e_j) + |e_i - e_j|^2 / 2 = (t - |d|^2) / 2,    d = x_i - x_j.
 
-Let the rows of A be these d, each scaled by about 1 / |d|, and R a right inverse of A, as good as
-floating point has it. For e = R z, the equations of all exact pairs are z = F(z) with
+Let the rows of A be these d, each scaled by about 1 / |d|, and R an approximate right inverse of A
+in floating point. For e = R z, the equations of all exact pairs are z = F(z) with
 
     F(z) = r - (A R - 1) z - |e_m|^2 / (2 |d_m|)  for each pair m.
 
-Where F maps the cube |z| <= rho into itself, it has a fixed point there (Brouwer), and so there is
-a placement with all these distances within |R| rho of the coordinates. The other constraints are
-then checked for all placements that are so near.
+If F maps the cube |z| <= rho into itself, it has a fixed point there (Brouwer), so there is a
+placement with all these distances within |R| rho of the coordinates. The other constraints are
+then checked for all placements within this distance.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ from dg_localization.solver.place.proofs import agrees, lies_in
 from dg_localization.solver.problem import Problem, Side
 
 NEARNESS = 1e-9
-"""A placement counts as given by coordinates that are off by at most this multiple of the longest
-of its known distances."""
+"""Greatest error of coordinates that represent a placement, as a multiple of the longest known
+distance."""
 
 NARROW = 1e-10
-"""A pair whose squared distance is open by no more than this part of it counts as exact."""
+"""A pair whose squared distance is known to this fraction counts as exact."""
 
 NEWTON_STEPS = 6
 MOST_EXACT = 1000
@@ -48,9 +48,9 @@ def settled(
     problem: Problem, positions: FloatArray, boxes: Sequence[FloatArray] | None = None
 ) -> tuple[FloatArray, bool]:
     """
-    Move a placement onto the exact distances, and prove that it meets every constraint.
+    Move a placement onto the exact distances; return it, and whether it is proved to agree.
 
-    The clock is looked at on the way (`look_after`).
+    The clock is checked in between (`look_after`).
     """
     if agrees(problem, positions):
         return positions, boxes is None or any(lies_in(box, positions) for box in boxes)
@@ -79,7 +79,7 @@ def settled(
 
 
 def _exact(problem: Problem) -> NDArray[np.bool_]:
-    """Return which of its pairs a problem knows exactly, or nearly so."""
+    """Return which pairs of a problem are known exactly, or nearly so."""
     lower, upper = problem.pairs.lower, problem.pairs.upper
     return np.isfinite(upper) & ((1.0 - NARROW) * upper <= lower)
 
@@ -87,7 +87,7 @@ def _exact(problem: Problem) -> NDArray[np.bool_]:
 def _newton(
     positions: FloatArray, pairs: IntArray, targets: FloatArray
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Return coordinates that meet targets in m^2 up to rounding, and a right inverse there."""
+    """Return coordinates that meet targets in m^2 up to rounding, and a right inverse; or None."""
     moved = positions
     first, second = pairs.T
     number = np.arange(len(pairs))
@@ -118,7 +118,7 @@ def _newton(
 def _radii(
     positions: FloatArray, inverse: FloatArray, pairs: IntArray, targets: FloatArray
 ) -> FloatArray | None:
-    """Return within which distance of each coordinate a placement is proved to be, if it is."""
+    """Return proved radii around each coordinate that hold a placement; None without a proof."""
     points = Interval.point(positions)
     first, second = pairs.T
     differences = points[first] - points[second]
@@ -134,14 +134,14 @@ def _radii(
     reach = total_up(np.abs(by_points.lower))
     spread = Interval.point(reach[first]) + Interval.point(reach[second])
     curvature = (squared_norm(spread) * weights * half).upper.max()
-    # Twice what the residuals take leaves room for the other two terms.
+    # Twice the share of the residuals leaves room for the other two terms.
     radius = 2.0 * residuals / max(1.0 - contraction, NEARNESS) + np.finfo(float).tiny
     image = up(up(residuals + up(contraction * radius)) + up(up(curvature * radius) * radius))
     return up(reach * radius) if image <= radius else None
 
 
 def _contraction(slopes: Interval, inverse: Interval, pairs: IntArray) -> float:
-    """Return an upper bound of the norm of A R - 1; the clock is looked at on the way."""
+    """Return an upper bound of the norm of A R - 1; the clock is checked in between."""
     n_pairs, dimension = slopes.lower.shape
     unit, norms = np.eye(n_pairs), np.zeros(n_pairs)
     at_once = 1 + WORK_OF_A_STEP // n_pairs
@@ -162,20 +162,20 @@ def _magnitude(values: Interval) -> FloatArray:
 
 
 def _all_lie_within(near: Interval, pairs: IntArray, lower: FloatArray, upper: FloatArray) -> bool:
-    """Return whether all placements within some bounds have squared distances within theirs."""
+    """Return whether the squared distances of all placements in a box lie within their bounds."""
     squared = squared_norm(near[pairs[:, 0]] - near[pairs[:, 1]])
     return bool(((lower <= squared.lower) & (squared.upper <= upper)).all())
 
 
 def _may_lie_in(box: FloatArray, near: Interval) -> bool:
-    """Return whether some placement within some bounds of coordinates may lie in a box."""
+    """Return whether some placement within bounds of coordinates may lie in a box."""
     squared = squared_norm(near[:, None] - near[None])
     apart = (squared.upper < box[LOWER]) | (box[UPPER] < squared.lower)
     return not apart.any()
 
 
 def _all_have_sides(near: Interval, problem: Problem) -> bool:
-    """Return whether all placements within some bounds have the sides and chiralities."""
+    """Return whether all placements within bounds have the known sides and chiralities."""
 
     def sign(*points: int) -> int:
         corners = near[np.array(points)]

@@ -29,14 +29,14 @@ LARGEST_M2 = 1e150
 """Squared distances below this can be squared once more."""
 
 MOST_DENSE = 60
-"""Up to this many points are placed by all pairs of a box, before the known ones alone."""
+"""Up to this many points, placements by all pairs of a box come before those by known pairs."""
 
 MOST_DRAWN = 3
-"""How often distances are drawn at random, where the longest ones lead to no placement (EMBED:
-Havel, Kuntz, Crippen 1983)."""
+"""Most random draws of distances if the longest ones lead to no placement (EMBED: Havel, Kuntz,
+Crippen 1983)."""
 
 AT_ONCE = 60
-"""Up to this many coordinates are placed whatever the time: that takes a millisecond or two."""
+"""Up to this many coordinates are placed regardless of time: that takes a millisecond or two."""
 
 Placement: TypeAlias = tuple[FloatArray | None, bool]
 """A placement in m, None where none could be computed, and whether it is proved."""
@@ -46,24 +46,24 @@ Stopped: TypeAlias = Callable[[], bool]
 
 
 def never() -> bool:
-    """Return False: no limit of a call stops a placement that is asked for later."""
+    """Return False: a clock that never stops."""
     return False
 
 
 def no_clock() -> Stopped:
-    """Return what never stops a placement."""
+    """Return a clock that never stops a placement."""
     return never
 
 
 def place_everywhere(box: FloatArray, dimension: int) -> FloatArray:
-    """Return a placement for a box, its unconnected parts far enough apart."""
+    """Return a placement for a box, with its unconnected parts far enough apart."""
     positions = np.zeros((box.shape[1], dimension))
     placed = np.zeros(len(positions), dtype=np.bool_)
     edge_m, clearance_m = 0.0, 1.0 + 2.0 * math.sqrt(box[LOWER].max())
     for seed in range(len(positions)):
         if placed[seed]:
             continue
-        # The triangles bound every distance between points that any chain connects.
+        # After smoothing, all pairs that a chain connects have upper bounds.
         island = np.flatnonzero(box[UPPER, seed] < np.inf)
         local = np.asarray(place(sub_box(box, island), dimension, MOST_STEPS))
         local[:, 0] += edge_m - local[:, 0].min()
@@ -73,7 +73,7 @@ def place_everywhere(box: FloatArray, dimension: int) -> FloatArray:
 
 
 def place_problem(problem: Problem, box: FloatArray) -> FloatArray:
-    """Return a placement for a box of a problem, with the chirality that is known."""
+    """Return a placement for a box of a problem, with the known chirality."""
     return with_known_chirality(problem, place_everywhere(box, problem.dimension))
 
 
@@ -83,7 +83,7 @@ def _placements_sought(
     starts: Iterable[FloatArray | None],
     stopped: Callable[[], bool],
 ) -> Iterator[FloatArray]:
-    """Yield placements for the boxes of a component: given ones, of boxes, and by known pairs."""
+    """Yield placements for a component: the given starts, from boxes, and from known pairs."""
     yield from (start for start in starts if start is not None)
     box = boxes[0]
     is_moderate = box[UPPER].max() < LARGEST_M2
@@ -94,7 +94,7 @@ def _placements_sought(
         return
     known, rng = problem.pairs, np.random.default_rng(0)
     for attempt in range(1 + MOST_DRAWN):
-        # The longest distances first.
+        # The longest distances first, then random ones.
         drawn = np.triu(rng.random(box[UPPER].shape) if attempt else np.ones_like(box[UPPER]), 1)
         squared = box[LOWER] + (drawn + drawn.T) * (box[UPPER] - box[LOWER])
         start = scaled(np.sqrt(squared), np.arange(len(squared)), problem.dimension)
@@ -102,7 +102,7 @@ def _placements_sought(
 
 
 def _may_move(problem: Problem, found: Placement) -> bool:
-    """Return whether a placement is flexible; also where it is not proved."""
+    """Return whether a placement is flexible; an unproved one counts as flexible."""
     measured = np.isfinite(problem.upper)
     if measured.all():
         return False
@@ -112,9 +112,9 @@ def _may_move(problem: Problem, found: Placement) -> bool:
 
 class LazyHypothesis(Hypothesis):
     """
-    A hypothesis whose placement is sought when it is first asked for.
+    A hypothesis whose placement is computed at first use.
 
-    What it is made of is not its fields: `dataclasses.replace` cannot copy it.
+    Its state is not in its fields, so `dataclasses.replace` cannot copy it.
     """
 
     _seek: Seek | None
@@ -126,17 +126,17 @@ class LazyHypothesis(Hypothesis):
 
     @property
     def positions(self) -> FloatArray | None:
-        """One placement in m, shape (n, q); None where none could be computed."""
+        """One placement in m, shape (n, q); None if none could be computed."""
         return self._placed[0]
 
     @property
     def proved(self) -> bool:
-        """Whether it meets every constraint of the problem and lies in a box."""
+        """Whether the placement meets every constraint of the problem and lies in a box."""
         return self._placed[1]
 
 
 class HypothesisOfBoxes(LazyHypothesis):
-    """A hypothesis that some boxes of a cover make."""
+    """A hypothesis made of boxes of a cover."""
 
     _problem: Problem
     _is_open: bool
@@ -169,10 +169,10 @@ def hypotheses_of(
     start_of: Callable[[int, Stopped], FloatArray | None] | None = None,
 ) -> list[Hypothesis]:
     """
-    Return the hypotheses that the boxes of a cover form, in the order of their first box.
+    Return the hypotheses formed by the boxes of a cover, in the order of their first box.
 
-    Their placements are sought when they are asked for, and for no longer than a clock says that
-    is started then. What was not examined counts as flexible.
+    Their placements are computed at first use, limited by a clock that starts then. Hypotheses
+    with boxes that were not examined count as flexible.
     """
     boxes = [*kept, *pending]
     found: list[Hypothesis] = []
@@ -191,11 +191,11 @@ def _placed_in_time(
     start_of: Callable[[int, Stopped], FloatArray | None] | None,
     indices: list[int],
 ) -> Placement:
-    """Return a placement for the boxes of a component, None where there was no time for any."""
+    """Return a placement for the boxes of a component; None if there was no time for one."""
     stopped = clock()
-    # A first placement and its proof take hardly any time for few points.
+    # A first placement and its proof take little time for few points.
     ended = never if problem.n_points * problem.dimension <= AT_ONCE else stopped
-    # Those of further boxes are computed only where the first ones prove nothing.
+    # Starts of further boxes are computed only if earlier ones prove nothing.
     starts = (start_of(index, stopped) for index in indices) if start_of else ()
     first = None
     with until(ended):

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Branch and prune: boxes are contracted and split until none is left to examine (Section 4).
+Branch and prune: boxes are contracted and split until all are examined (Section 4).
 
-The steps that prune and split a box are arguments, so that every strategy shares one loop.
+The steps that contract and split a box are arguments, so that all strategies share one loop.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ def choose_split(
     box: FloatArray, explained: FloatArray, resolution_m: float
 ) -> tuple[int, int, float, float] | None:
     """
-    Choose where to split a contracted box: at a gap, else where it is too wide, or nowhere.
+    Choose a split of a contracted box: at a gap, else where it is too wide, or None.
 
-    Of several gaps the one is taken that leaves the least of its interval: both parts are then
-    known well, and contraction decides about them. The widest gaps are those of far points, about
-    which little is known yet.
+    Of several gaps it takes the one that leaves the least of its interval: both parts are then
+    known well, and contraction decides about them. The widest gaps belong to far points, which are
+    badly known yet.
     """
     i, j = pairs_among(box.shape[1])
     low, high, gap_low, gap_high = box[:, i, j]
@@ -71,7 +71,7 @@ def split(pruned: Pruned, resolution_m: float, at_gaps: bool = False) -> list[Fl
 
 @dataclass
 class Paving:
-    """The boxes that a search kept, those it did not examine, and its effort."""
+    """The kept boxes of a search, the pending ones, and its effort."""
 
     kept: list[FloatArray] = field(default_factory=list)
     pending: list[FloatArray] = field(default_factory=list)
@@ -80,7 +80,7 @@ class Paving:
 
     @property
     def processed(self) -> int:
-        """The number of boxes that were examined to the end."""
+        """The number of examined boxes."""
         return self.empty + self.split + len(self.kept)
 
     def statistics(self, n_pending: int, seconds: float) -> Statistics:
@@ -122,8 +122,8 @@ def pave(
     """
     Cover all placements in some boxes by smaller boxes; those kept and pending hold every one.
 
-    `split` returns the parts of a contracted box, none when it is finished. Where the cover is of
-    no use unless it is complete, the search ends as soon as it has more boxes than it may examine.
+    `split` returns the parts of a contracted box, none if it is finished. With `all_or_nothing`,
+    the search ends as soon as it has more boxes than it may examine.
     """
     most = budget.options.max_boxes
     cover, queue = Paving(), Queue()

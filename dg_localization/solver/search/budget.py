@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a call may still take: boxes, time, and time to tighten bounds."""
+"""The budget of a call: boxes, time, and time to tighten bounds."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from dg_localization.solver.options import Cancel, SolverOptions
 from dg_localization.solver.result import Statistics
 
 GRACE_S = 0.005
-"""What takes long is left out so much later than the end: what is short still makes an answer."""
+"""Time after the end from which long steps are skipped; short steps still give an answer."""
 
 
 class _Remembered:
-    """Stays set: a step that was stopped must not count as done, where an event is cleared."""
+    """Stays set even if its event is cleared, so that no stopped step counts as done."""
 
     def __init__(self, cancel: Cancel) -> None:
         self._cancel = cancel
@@ -31,7 +31,7 @@ class _Remembered:
 
 
 class Budget:
-    """The boxes and the time of a call or of a part of it; the clock starts when it is made."""
+    """The boxes and the time of a call or a part of it; its clock starts at construction."""
 
     def __init__(
         self,
@@ -51,7 +51,7 @@ class Budget:
         self._cancelled_s = math.inf
 
     def __getstate__(self) -> dict[str, object]:
-        """Return what is pickled: neither events, callables nor executors are."""
+        """Return the state to pickle, without events, callables and executors."""
         return vars(self) | {'_cancel': None, 'progress': None, 'executor': None}
 
     def again(self, options: SolverOptions | None = None) -> Budget:
@@ -59,20 +59,20 @@ class Budget:
         return Budget(options or self.options, self._cancel, clock=self._clock)
 
     def new_clock(self) -> Callable[[], bool]:
-        """Return what ends something that is asked for later: it may take as long as the call."""
+        """Return a clock for a later computation, which may take as long as the call."""
         return self.again().is_over
 
     def part(self, share: float, most_boxes: int | None = None, is_silent: bool = False) -> Budget:
-        """Return the budget of a part that may take a share of what is left."""
+        """Return the budget of a part that may take a share of the rest."""
         boxes = self.boxes_left()
-        # Where none is left, a search ends before its first box: what it covers is all pending.
+        # Without boxes left, a search ends before its first box with all boxes pending.
         most_boxes = min(max(int(share * boxes), 1), most_boxes or boxes, max(boxes, 0))
         options = self._limited(most_boxes, share * self.seconds_left())
         progress = self.report if self.progress and not is_silent else None
         return Budget(options, self._cancel, progress, clock=self._clock)
 
     def remaining(self) -> SolverOptions:
-        """Return the options with what is left of the time."""
+        """Return the options with the remaining time."""
         return self._limited(self.options.max_boxes, self.seconds_left())
 
     def _limited(self, max_boxes: int, max_seconds: float) -> SolverOptions:
@@ -84,60 +84,60 @@ class Budget:
         return self._clock() - self._start
 
     def seconds_left(self) -> float:
-        """Return the time until the call has to come to an end."""
+        """Return the time until the call must end."""
         return self.options.max_seconds - self.seconds()
 
     def boxes_left(self) -> int:
-        """Return how many boxes are left."""
+        """Return the number of boxes left."""
         return self.options.max_boxes - self.spent.processed
 
     def is_over(self) -> bool:
-        """Return whether the call is to come to an end."""
+        """Return whether the call must end."""
         if self._cancel and self._cancel.is_set():
             self._cancelled_s = min(self._cancelled_s, self.seconds())
             return True
         return self.seconds() > self.options.max_seconds
 
     def has_passed(self, share: float) -> Callable[[], bool]:
-        """Return what tells whether a share of the time that is left now has passed."""
+        """Return a function that says whether a share of the remaining time has passed."""
         end_s = self.seconds() + share * self.seconds_left()
         return lambda: self.is_over() or self.seconds() > end_s
 
     def is_overdue(self) -> bool:
-        """Return whether the call should have come to an end some time ago."""
+        """Return whether the call is past its end by more than a grace period."""
         if not self.is_over():
             return False
         return self.seconds() > min(self.options.max_seconds, self._cancelled_s) + GRACE_S
 
     def leaves_wide(self) -> bool:
-        """Return whether boxes are to be left as wide as they are."""
+        """Return whether the time to tighten boxes is over."""
         return self.seconds() > self.options.tighten_seconds or self.is_over()
 
     def report(self, statistics: Statistics) -> None:
-        """Report the effort so far, with that of the part at work."""
+        """Report the effort so far, including the part in progress."""
         if self.progress:
             self.progress(self.spent + statistics)
 
     def spend(self, statistics: Statistics) -> None:
-        """Note the effort of a part."""
+        """Add the effort of a part."""
         if self.boxes_left() <= 0:
-            # What the triangle inequalities alone rule out takes no box.
+            # A problem ruled out by the triangle inequalities alone takes no box.
             statistics = replace(statistics, processed=0, empty=0)
         self.spent += statistics
 
     def take_back(self, n_pending: int) -> None:
-        """Note that boxes which a search left pending are examined after all."""
+        """Record that pending boxes of a search are examined after all."""
         self.spent = replace(self.spent, pending=self.spent.pending - n_pending)
 
     def go_on_from(self, n_kept: int) -> None:
-        """Note that boxes which were kept are parts of boxes that are examined next."""
+        """Record that kept boxes are parts of boxes that are examined next."""
         n_split = min(n_kept, self.spent.kept)
         self.spent = replace(
             self.spent, kept=self.spent.kept - n_split, split=self.spent.split + n_split
         )
 
     def keep(self, n_boxes: int) -> bool:
-        """Note that boxes found by other means than the search are kept, if enough are left."""
+        """Record kept boxes that were not found by a search, if enough boxes are left."""
         if n_boxes > self.boxes_left():
             return False
         self.spent += Statistics(processed=n_boxes, kept=n_boxes)

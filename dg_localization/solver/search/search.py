@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-From a problem to a cover: branch and prune, then tightening of the boxes that are kept.
+From a problem to a cover: branch and prune, then tightening of the kept boxes.
 
-What pieces make together is contracted once, without a split.
+Combinations of pieces are contracted once, without a split.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ from dg_localization.solver.search.branch_and_prune import Paving, pave, split
 from dg_localization.solver.search.budget import Budget
 
 WELL_EXPLAINED = 0.01
-"""An interval this close to the first-order effect of the errors, relatively, is left alone."""
+"""An interval this close, relatively, to the first-order effect of the errors is not tightened."""
 
 CLOSED_WIDTH = 1.05
-"""A pair is closed below this width, over what its linear program explains."""
+"""A pair is finished below this ratio of its width to the width its linear program explains."""
 
 LEAST_GAIN = 0.1
 MOST_IDLE_FRAMES = 10
-"""There are no more frames after this many in a row that shorten no interval by this fraction."""
+"""Tightening ends after this many frames in a row that shorten no interval by this fraction."""
 
 
 class _Frames:
-    """The unexplained pairs of a box, and what linear programs have explained of them so far."""
+    """The unexplained pairs of a box, and the widths that linear programs explained so far."""
 
     def __init__(self, box: FloatArray, pairs: IntArray) -> None:
         self._box = box
@@ -51,7 +51,7 @@ class _Frames:
         self._was_axis = np.zeros(len(pairs), dtype=np.bool_)
 
     def next_frame(self) -> IntArray | None:
-        """Return the numbers of the pairs for the next frame, its axis first; None at the end."""
+        """Return the indices of the pairs for the next frame, its axis first; None at the end."""
         width = self._widths()
         excess = np.full(len(width), np.inf)
         np.divide(width, self._explained, out=excess, where=self._explained > 0.0)
@@ -68,7 +68,7 @@ class _Frames:
     def narrow(
         self, contractor: Contractor, positions: FloatArray, chosen: IntArray
     ) -> float | None:
-        """Narrow some pairs; return the largest relative gain, None when the box is empty."""
+        """Narrow some pairs; return the largest relative gain, or None if the box is empty."""
         before = self._widths()[chosen]
         explained = np.zeros(len(chosen))
         if not contractor.narrow_in_frame(self._box, positions, self._pairs[chosen], explained):
@@ -87,10 +87,10 @@ class _Frames:
 
 def _unexplained_pairs(problem: Problem, pruned: Pruned) -> IntArray:
     """
-    Return the unknown pairs whose width the errors do not explain, the widest first.
+    Return the unknown pairs whose width the errors do not explain, widest first.
 
-    To first order the explained width is that of the exact hull. An interval that is narrower, as
-    well as a wider one, shows that effects of higher order matter.
+    To first order the explained width is the width of the exact hull. A narrower interval, like a
+    wider one, shows that effects of higher order matter.
     """
     known = np.isinf(problem.upper) & (pruned.explained > 0.0)
     width = pruned.box[UPPER] - pruned.box[LOWER]
@@ -102,10 +102,10 @@ def _unexplained_pairs(problem: Problem, pruned: Pruned) -> IntArray:
 def tighten(
     contractor: Contractor, box: FloatArray, stopped: Callable[[], bool]
 ) -> FloatArray | None:
-    """Return a finished box narrowed by linear programs, None where they prove it empty."""
+    """Return a finished box narrowed by linear programs; None if they prove it empty."""
     if stopped():
         return box
-    # Contraction also returns which widths the errors explain.
+    # Contraction also returns the widths that the errors explain.
     pruned = contractor.contract(box, stopped)
     if pruned.status is Status.EMPTY:
         return None
@@ -163,7 +163,7 @@ def search_share(
     most_boxes: int | None = None,
     at_gaps: bool = False,
 ) -> Paving:
-    """Cover the placements of a part of a problem with a share of what is left of a budget."""
+    """Cover the placements of a part of a problem with a share of the remaining budget."""
     part = budget.part(share, most_boxes)
     cover = search(problem, part, within, at_gaps)
     budget.spend(cover.statistics(len(cover.pending), part.seconds()))
@@ -171,7 +171,7 @@ def search_share(
 
 
 def search_in_one_box(problem: Problem, budget: Budget, share: float = 1.0) -> Paving:
-    """Cover a problem by one box; else all is pending and counts nothing."""
+    """Cover a problem by one box; if that fails, all is pending and costs nothing."""
     part = budget.part(share, 1, is_silent=True)
     cover = search(problem, part)
     if not cover.pending:
@@ -181,7 +181,7 @@ def search_in_one_box(problem: Problem, budget: Budget, share: float = 1.0) -> P
 
 
 def accept_pending(cover: Paving, budget: Budget) -> None:
-    """Keep the boxes which a search left pending as they are, if there are enough left."""
+    """Keep the pending boxes of a search unchanged, if enough boxes are left."""
     n_pending = len(cover.pending)
     if budget.keep(n_pending):
         budget.take_back(n_pending)
@@ -206,7 +206,7 @@ def contracted(
         if pruned.status is Status.EMPTY:
             return None
         left = tighten(contractor, pruned.box, budget.leaves_wide) if is_tightened else pruned.box
-        # Sides may have bounded a pair, and so all that chains lead to by it.
+        # Sides may have bounded a pair, and so all pairs that chains connect through it.
         if left is None or not smooth(left):
             return None
         box = left
@@ -220,7 +220,7 @@ def smoothed(problem: Problem, within: Sequence[Bounds] | None = None) -> Bounds
 
 
 def _common_hull(bounds: Bounds, within: Sequence[Bounds] | None) -> Bounds | None:
-    """Return the hull of what bounds have in common with boxes, None where they have nothing."""
+    """Return the hull of the intersections of bounds with boxes; None if all are empty."""
     if within is None:
         return bounds
     left = parts_within([bounds], within)
@@ -231,11 +231,11 @@ def _common_hull(bounds: Bounds, within: Sequence[Bounds] | None) -> Bounds | No
     if len(lower) > MOST_DENSE:
         return lower, upper
     hull = _smoothed(lower, upper)
-    # What is between several boxes may be all that the triangle inequalities leave.
+    # The triangle inequalities may leave only space between the boxes.
     return hull if hull and parts_within([hull], within) else None
 
 
 def _smoothed(lower: FloatArray, upper: FloatArray) -> Bounds | None:
-    """Return bounds that meet all triangle inequalities, None where no distances do."""
+    """Return bounds that meet all triangle inequalities; None if no distances do."""
     box = as_box((lower, upper))
     return (box[LOWER].copy(), box[UPPER].copy()) if smooth(box) else None
