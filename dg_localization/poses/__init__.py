@@ -9,7 +9,7 @@ Set inversion over a window of readings that odometry carries to now. Knows no f
 
 from dg_localization.poses.blame import find_suspects
 from dg_localization.poses.consistency import count_agreeing
-from dg_localization.poses.cover import Cover, Hull
+from dg_localization.poses.cover import Cover
 from dg_localization.poses.joint import JointPoses, narrow_jointly
 from dg_localization.poses.readings import NO_RAY_RAD, PairReadings, PastPoses
 from dg_localization.poses.search import PairOptions, cover_poses
@@ -17,7 +17,6 @@ from dg_localization.poses.search import PairOptions, cover_poses
 __all__ = [
     'NO_RAY_RAD',
     'Cover',
-    'Hull',
     'JointPoses',
     'PairOptions',
     'PairReadings',

@@ -27,35 +27,6 @@ CARRIED_YAW_RAD = TURN / 80.0
 
 
 @dataclass(frozen=True)
-class Hull:
-    """
-    The smallest box around a set of poses.
-
-    Parameters
-    ----------
-    lower_m, upper_m : numpy.ndarray, shape (3,)
-        Position of B in the frame of A.
-    yaw_rad : tuple of float
-        Counterclockwise from the first to the second, which is at most a full turn more.
-
-    """
-
-    lower_m: np.ndarray
-    upper_m: np.ndarray
-    yaw_rad: tuple[float, float]
-
-    @property
-    def yaw_width_rad(self) -> float:
-        """Width of the yaw, a full turn at most."""
-        return min(self.yaw_rad[1] - self.yaw_rad[0], TURN)
-
-    @property
-    def widths_m(self) -> np.ndarray:
-        """Widths of the position, shape (3,)."""
-        return self.upper_m - self.lower_m
-
-
-@dataclass(frozen=True)
 class Cover:
     """
     Boxes that together hold every pose of B in the frame of A.
@@ -118,11 +89,9 @@ class Cover:
         return Interval(boxes[:, LOW].min(axis=0), boxes[:, HIGH].max(axis=0))
 
     @cached_property
-    def hull(self) -> Hull:
-        """The smallest box around all; raises ValueError for an empty cover."""
-        position_m = self.position_m
-        yaw_rad = arc_around(self.boxes[:, LOW, YAW], self.boxes[:, HIGH, YAW])
-        return Hull(position_m.lower, position_m.upper, yaw_rad)
+    def yaw_rad(self) -> tuple[float, float]:
+        """The shortest arc around all yaws, counterclockwise; of a cover that is not empty."""
+        return arc_around(self.boxes[:, LOW, YAW], self.boxes[:, HIGH, YAW])
 
     def carried(
         self, step: PastPoses, ball_m: float, back: PastPoses | None, in_plane: bool

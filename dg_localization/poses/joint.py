@@ -67,11 +67,6 @@ class JointPoses:
     arcs_rad: np.ndarray
     ruled_out_by: Pair | None = None
 
-    @property
-    def possible(self) -> bool:
-        """Whether any poses agree with all readings."""
-        return self.ruled_out_by is None
-
 
 @default_environment()
 def narrow_jointly(

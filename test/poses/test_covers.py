@@ -35,9 +35,9 @@ def test_a_ring():
         PairOptions(resolution_m=0.05, max_boxes=10000),
     )
     assert cover.refined and len(cover.components) == 1
-    assert np.allclose(cover.hull.lower_m, [-4.5, -4.5, 0.0], atol=1e-9)
-    assert np.allclose(cover.hull.upper_m, [4.5, 4.5, 0.0], atol=1e-9)
-    assert cover.hull.yaw_width_rad == pytest.approx(2 * math.pi)
+    assert np.allclose(cover.position_m.lower, [-4.5, -4.5, 0.0], atol=1e-9)
+    assert np.allclose(cover.position_m.upper, [4.5, 4.5, 0.0], atol=1e-9)
+    assert np.diff(cover.yaw_rad) == pytest.approx(2 * math.pi)
     assert cover.volume == pytest.approx(2.0 * math.pi**2 * (4.5**2 - 3.5**2), rel=0.05)
     assert not cover.contains(np.array([3.0, 0.0, 0.0]), 1.0)
 
@@ -53,7 +53,7 @@ def test_boxes_touch_across_the_half_turn_only_where_they_do():
     )
     first, second = Cover(boxes).components
     assert len(first) == len(second) == 2
-    arcs = sorted(part.hull.yaw_rad for part in (first, second))
+    arcs = sorted(part.yaw_rad for part in (first, second))
     assert arcs[0] == pytest.approx((-0.1, 0.25))
     assert arcs[1] == pytest.approx((math.pi - 0.2, math.pi + 0.2))
 

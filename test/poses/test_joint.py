@@ -89,7 +89,7 @@ def holds(fleet, poses):
     off = fleet.headings - poses.arcs_rad.mean(axis=1)
     off = np.abs(np.remainder(off + math.pi, 2.0 * math.pi) - math.pi)
     near = off <= 0.5 * np.ptp(poses.arcs_rad, axis=1) + 1e-9
-    return poses.possible and bool(inside.all() and near.all())
+    return poses.ruled_out_by is None and bool(inside.all() and near.all())
 
 
 @pytest.mark.filterwarnings('error')

@@ -251,12 +251,12 @@ class BodyPoses:
                 continue
             if cover.empty:
                 return None
-            hull = cover.hull
-            low_m[row] = np.maximum(low_m[row], hull.lower_m[:2])
-            high_m[row] = np.minimum(high_m[row], hull.upper_m[:2])
+            place_m = cover.position_m
+            low_m[row] = np.maximum(low_m[row], place_m.lower[:2])
+            high_m[row] = np.minimum(high_m[row], place_m.upper[:2])
             if (low_m[row] > high_m[row]).any():
                 return None
-            headings[row] = hull.yaw_rad
+            headings[row] = cover.yaw_rad
         return Interval(low_m, high_m), headings
 
     def _cover(

@@ -74,7 +74,7 @@ def narrow_in_plane(
             return WORLD, robot
         position_m = part.position_m[:2]
         enclosure[robot] = position_m.lower, position_m.upper
-        arcs[robot], met = intersect_arcs(arcs[robot], np.array(part.hull.yaw_rad))
+        arcs[robot], met = intersect_arcs(arcs[robot], np.array(part.yaw_rad))
         if not met:
             return WORLD, robot
     of_two = len(robots) == 2 and {*frame.points} <= {*robots}
@@ -113,8 +113,8 @@ def narrow_in_space(
         part = poses_within(cover, *enclosure[robot])
         if part.empty:
             return WORLD, robot
-        enclosure[robot] = part.hull.lower_m, part.hull.upper_m
-        level, tilt = heading_in_arc(part.hull.yaw_rad), tilts[robot]
+        enclosure[robot] = part.position_m.lower, part.position_m.upper
+        level, tilt = heading_in_arc(part.yaw_rad), tilts[robot]
         turn = rotation_of_quaternion(level.orientation_xyzw)
         # The angle of a product of rotations is at most the sum of their angles.
         half_rad = angle_up(level.half_width_rad + tilt.error_rad)
