@@ -18,17 +18,12 @@ from itertools import combinations, count
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.frames.enclosure import SWEEPS
+from dg_localization.fleet.frames.enclosure import MAX_BOXES, SWEEPS
 from dg_localization.interval.arrays import Interval, determinant
 from dg_localization.solver.box import component_hulls
 from dg_localization.solver.contract.coordinates import contract_coordinate_boxes
 
 FloatArray = NDArray[np.float64]
-
-MOST_CELLS = 16
-"""Most boxes that cover one point, and most other points whose distances are checked to fix it.
-With 128, five robots among 15 landmarks take twice as long; the tests of anchors in line and of
-ceilings hold with either."""
 
 
 def regions_of(
@@ -76,7 +71,7 @@ def _parts_of_point(
 def _is_in_general_position(region: Interval, row: int, others: NDArray[np.intp]) -> bool:
     """Return whether distances to q of the other points fix the place of a point."""
     dimension = region.lower.shape[1]
-    some = others[:: len(others) // MOST_CELLS + 1].tolist()
+    some = others[:: len(others) // MAX_BOXES + 1].tolist()
     bases = list(combinations(some, dimension))
     if not bases:
         return False
@@ -94,7 +89,7 @@ def _cells_of_point(
     whole = np.stack([region.lower[row], region.upper[row]])
     # Widest first; the number breaks ties.
     cells, numbers = [(-_width(whole), 0, whole)], count(1)
-    while 0 < len(cells) < MOST_CELLS:
+    while 0 < len(cells) < MAX_BOXES:
         *_, cell = heappop(cells)
         axis = int(np.argmax(cell[1] - cell[0]))
         middle = 0.5 * (cell[0, axis] + cell[1, axis])
