@@ -22,8 +22,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet.best_point.least_squares import Bodies, Fit, fit_terms
+from dg_localization.fleet.best_point.normal_equations import SHORTEST_M
 from dg_localization.fleet.best_point.past import Misfit, Past
-from dg_localization.fleet.best_point.terms import LEAST_HALF_WIDTH, RAY, UNIFORM, Term, Terms
+from dg_localization.fleet.best_point.terms import (
+    LEAST_HALF_WIDTH,
+    MOST_BODIES,
+    RAY,
+    UNIFORM,
+    Term,
+    Terms,
+)
 from dg_localization.fleet.rotations import best_rotation, rotations_about_z, unit_vectors
 from dg_localization.interval.arrays import Interval
 from dg_localization.solver.place.proofs import agrees
@@ -35,8 +43,6 @@ HALVINGS = 6
 """How often the segment from the result to the start is halved."""
 
 DRAWN_STARTS = 2
-MOST_BODIES = 30
-"""Larger fleets get one start only: the cost of a fit grows with the cube of their number."""
 
 MOST_EFFORT = 50_000_000
 """Most work on one problem: the sum, over its fits, of the cube of the number of unknowns."""
@@ -44,9 +50,6 @@ MOST_EFFORT = 50_000_000
 CLEAR_GAIN = 1e-3
 """A later start must lower the cost by this fraction of the cost, or of 1 if that is more: costs
 near zero differ by rounding errors, which depend on the processor."""
-
-LEAST_WIDTH_M = 1e-9
-"""A narrower enclosure is fixed by the frame, up to rounding."""
 
 UNKNOWN_VARIANCE_M2 = 1e12
 
@@ -212,7 +215,7 @@ class BestPointFinder:
         """Return the start of a fit and its bounds."""
         n_points, dimension = start_m.shape
         free = np.zeros((n_points, 6), dtype=bool)
-        free[:, :dimension] = enclosure.upper - enclosure.lower > LEAST_WIDTH_M
+        free[:, :dimension] = enclosure.upper - enclosure.lower > SHORTEST_M
         free[[sensor.row for sensor in self._sensors]] = False
         free[list(self.turning), 3 if dimension == 3 else 5 :] = True
         rotations = np.tile(np.eye(3), (n_points, 1, 1))
@@ -250,7 +253,7 @@ def _starts(start_m: FloatArray, enclosure: Interval) -> list[FloatArray]:
     bounded = np.isfinite(enclosure.lower) & np.isfinite(enclosure.upper)
     lower_m = np.where(bounded, enclosure.lower, start_m)
     width_m = np.where(bounded, enclosure.upper, start_m) - lower_m
-    if width_m.max() <= LEAST_WIDTH_M:
+    if width_m.max() <= SHORTEST_M:
         return [start_m]
     # A fixed seed, so that an answer does not depend on earlier answers.
     rng = np.random.default_rng(0)

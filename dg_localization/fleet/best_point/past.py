@@ -22,7 +22,15 @@ from numpy.typing import NDArray
 
 from dg_localization.fleet.best_point.least_squares import Fit, equations_at, residuals_of
 from dg_localization.fleet.best_point.stated_way import VARIANTS, StatedWay, directions, packed
-from dg_localization.fleet.best_point.terms import AT_ORIGIN, RANGE, RAY, STEP, TURN, Terms
+from dg_localization.fleet.best_point.terms import (
+    AT_ORIGIN,
+    MOST_BODIES,
+    RANGE,
+    RAY,
+    STEP,
+    TURN,
+    Terms,
+)
 from dg_localization.fleet.constraints.constrain import Constraints
 from dg_localization.fleet.rotations import best_rotation
 from dg_localization.fleet.snapshot import Snapshot
@@ -36,10 +44,6 @@ LONGEST_S = 30.0
 
 SPACING_S = 3.0
 """Least time between two bodies of a robot."""
-
-MOST_POSES = 60
-"""Past poses of all robots: a fit takes the cube of their number. Fleets of more than half as many
-robots have no smoother."""
 
 GUESS_ROUNDS = 5
 GUESS_SCALE_M = 0.5
@@ -198,7 +202,7 @@ def past_of(snapshot: Snapshot, solved: Constraints, turning: Collection[int]) -
     ]
     oldest_s = min(seen[0].stamp_s for seen in snapshot.window.observations.values())
     span_s = min(LONGEST_S, snapshot.stamp_s - oldest_s)
-    if span_s <= 0.0 or len(moving) > MOST_POSES // 2:
+    if span_s <= 0.0 or len(moving) > MOST_BODIES:
         return None
     oldest_s = snapshot.stamp_s - span_s
     ways = {robot: StatedWay(snapshot, robot, oldest_s, rows[robot]) for robot in moving}
@@ -214,7 +218,7 @@ def past_of(snapshot: Snapshot, solved: Constraints, turning: Collection[int]) -
     table = table[~np.isin(table[:, :2], left_out).any(axis=1)]
     if not len(table):
         return None
-    count = max(1, min(math.ceil(span_s / SPACING_S), MOST_POSES // len(known)))
+    count = max(1, min(math.ceil(span_s / SPACING_S), 2 * MOST_BODIES // len(known)))
     for number, way in enumerate(known):
         way.place_bodies(len(solved.points) + count * number, count)
     ends_of_all, steps = _ends(table, known), [way.steps() for way in known]

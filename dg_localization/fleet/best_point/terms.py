@@ -29,6 +29,12 @@ AT_ORIGIN = (0.0, 0.0, 0.0)
 LEAST_HALF_WIDTH = 1e-6
 """A reading without error would outweigh all others beyond the digits of a number."""
 
+MOST_BODIES = 30
+"""
+The cost of a fit grows with the cube of the number of bodies: fleets of more points get one start
+only, and fleets of more robots no smoother. Others have twice as many past poses.
+"""
+
 UNIFORM = 3.0
 """The square of a half width over the variance of an error that is anywhere within it."""
 
