@@ -30,7 +30,7 @@ from dg_localization.calibration.truth import (
     without_tilt,
 )
 from dg_localization.fleet import FleetConfig
-from dg_localization.fleet.odometry_error import LEAST_SCALE, MOST_SCALE, OdometryErrorModel
+from dg_localization.fleet.odometry_error import MOST_SCALE, OdometryErrorModel
 from dg_localization.fleet.vocabulary import OdometrySample
 
 FloatArray = NDArray[np.float64]
@@ -296,7 +296,7 @@ def _least_squares_scale(windows: OdometryWindows) -> float:
     if squares_m2 == 0.0:
         return 1.0
     scale = round(float(np.sum(windows.stated_m * windows.true_m)) / squares_m2, DECIMALS)
-    return scale if LEAST_SCALE <= scale <= MOST_SCALE else 1.0
+    return scale if 1.0 / MOST_SCALE <= scale <= MOST_SCALE else 1.0
 
 
 def _fit_line(way: FloatArray, error: FloatArray, choice: Choice) -> tuple[float, float]:

@@ -20,8 +20,8 @@ from dg_localization.interval.angles import angle_up
 from dg_localization.interval.arrays import up
 from dg_localization.interval.rounding import step_up
 
-LEAST_SCALE, MOST_SCALE = 0.01, 100.0
-"""Scales beyond these, which no unit of length explains, are mistakes."""
+MOST_SCALE = 100.0
+"""Scales beyond this, or below one over it, which no unit of length explains, are mistakes."""
 
 HALF_TURN_RAD = angle_up(math.pi)
 
@@ -82,7 +82,7 @@ class OdometryErrorModel:
 
     def __post_init__(self) -> None:
         gaps = dict.fromkeys(('max_gap_s', 'restart_gap_s'), {'at_least': 0.0, 'finite': False})
-        scale = {'translation_scale': {'at_least': LEAST_SCALE, 'at_most': MOST_SCALE}}
+        scale = {'translation_scale': {'at_least': 1.0 / MOST_SCALE, 'at_most': MOST_SCALE}}
         others = {field.name: {'at_least': 0.0} for field in fields(self)}
         keep_numbers(self, 'odometry_error.', {**others, **gaps, **scale})
 

@@ -18,7 +18,7 @@ from typing import Any
 from dg_localization.fleet import OdometryErrorModel, SuspectKind
 from dg_localization.fleet.checks import FARTHEST_M
 from dg_localization.fleet.config import LEAST_MEMORY_S
-from dg_localization.fleet.odometry_error import LEAST_SCALE, MOST_SCALE
+from dg_localization.fleet.odometry_error import MOST_SCALE
 from dg_localization.ros.interface.parameters.spec import Spec
 
 LENGTH, TIME = partial(Spec, unit='m', at_least=0.0), partial(Spec, unit='s', at_least=0.0)
@@ -96,7 +96,7 @@ TABLE = {
     ),
     **_topics('odometry', '{robot}/odom'),
     'odometry.translation_scale': Spec(
-        1.0, 'true distance traveled per reported one', '', LEAST_SCALE, MOST_SCALE
+        1.0, 'true distance traveled per reported one', '', 1.0 / MOST_SCALE, MOST_SCALE
     ),
     'odometry.translation_per_m': Spec(
         0.1, 'greatest error of the position per meter traveled', 'm/m', 0.0
