@@ -38,9 +38,11 @@ MAX_APEXES = 4
 """Most apexes tried for each core."""
 
 MAX_BOXES = 16
-"""Hypotheses with more boxes are enclosed by the hull of their boxes, not box by box; no more boxes
+"""
+Hypotheses with more boxes are enclosed by the hull of their boxes, not box by box; no more boxes
 cover the places of one point. With 128, five robots among 15 landmarks take twice as long; the
-tests of anchors in line and of ceilings hold with either."""
+tests of anchors in line and of ceilings hold with either.
+"""
 
 SWEEPS = 20
 """Most passes of the contraction of coordinate boxes."""
