@@ -40,7 +40,7 @@ STORAGE_FILE = re.compile(r'.*\.(mcap|db3)(\.zstd)?')
 
 
 class Channel(NamedTuple):
-    """What a file says of a topic; definition and profiles are empty where it has none."""
+    """The record of a topic in a file; definition and profiles are empty if it has none."""
 
     topic: str
     type_name: str
@@ -50,7 +50,7 @@ class Channel(NamedTuple):
 
 
 class RawMessage(NamedTuple):
-    """A channel that begins, where `data` is None, or a message with its receive time in ns."""
+    """A message with its receive time in ns, or the begin of a channel if `data` is None."""
 
     channel: Channel
     time_ns: int = 0
@@ -142,7 +142,7 @@ class BagError(ExecutableError):
 
 @dataclass
 class Topic:
-    """A topic of a bag: what the files say of it, and its first messages."""
+    """A topic of a bag: its records in the files, and its first messages."""
 
     name: str
     channels: list[Channel] = field(default_factory=list)
@@ -159,7 +159,7 @@ class Topic:
 
     @property
     def offered_qos(self) -> tuple[Any, ...]:
-        """The profiles that its publishers offered, each once."""
+        """The QoS profiles that its publishers offered, each once."""
         from rosbags.rosbag2.metadata import parse_qos
 
         profiles: list[Any] = []
@@ -189,7 +189,7 @@ class Bag:
     """
     A rosbag2: a bag folder, or a .db3 or .mcap file, compressed or not.
 
-    Files that are compressed as a whole are unpacked into a folder that the caller removes.
+    Compressed files are unpacked into a folder that the caller removes.
 
     Attributes
     ----------
@@ -284,7 +284,7 @@ class Bag:
         return unpacked
 
     def _scan(self) -> None:
-        """Learn what the files hold, and sort them by their first receive times."""
+        """List the contents of the files, and sort them by their first receive times."""
         firsts_ns = {path: self._scan_file(path) for path in self._paths}
         self._paths.sort(key=lambda path: (firsts_ns[path], path))
         if not any(topic.count for topic in self.topics.values()):
@@ -298,9 +298,9 @@ class Bag:
 
     def _scan_file(self, path: Path) -> int:
         """
-        Learn what one file holds, and return its first receive time.
+        List the contents of one file, and return its first receive time.
 
-        Topics may be written one after the other; within one the times do not go back.
+        Topics may be written one after the other; within one topic, times do not go back.
         """
         first_ns, n_wrong = END_OF_ROS_TIME_NS, 0
         latest_of: dict[str, int] = {}
@@ -350,7 +350,7 @@ class Bag:
 
     @property
     def types(self) -> dict[str, tuple[str, ...]]:
-        """By topic, the types of its messages."""
+        """The types of messages by topic."""
         return {name: topic.type_names for name, topic in self.topics.items()}
 
 

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Error bounds from the readings of a bag, beside a ground truth or beside each other."""
+"""Error bounds from the readings of a bag, by a ground truth or by their scatter."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
@@ -34,16 +34,16 @@ from dg_localization.ros.interface.links import ANY_OBSERVER
 from dg_localization.ros.interface.parameters.table import fields_of
 
 Pair: TypeAlias = tuple[str, str]
-"""Observer and target; an empty name stands for all."""
+"""Observer and target; an empty name means all."""
 
 EVERYTHING: Pair = ('', '')
 
 Bounds: TypeAlias = dict[str, float]
-"""By the name of the parameter without its prefix."""
+"""Bounds by the name of the parameter without its prefix."""
 
 GROUPS = ('link', 'sensor', 'all')
 UNITS = {LinkKind.RANGE: 'm', LinkKind.BEARING: 'rad'}
-# Readings of one link that are nearer in time are named together; at most `NAMED` times are named.
+# Readings of one link closer in time are reported together; at most `NAMED` times are reported.
 GAP_S, NAMED = 1.0, 20
 # The delays that can be found, the time over which the change of a distance is computed, and the
 # share of the variance of the errors that a delay must explain.
@@ -77,25 +77,25 @@ class GroupFit(NamedTuple):
 @dataclass
 class LearnedBounds:
     """
-    What was learned from a bag.
+    Bounds learned from a bag.
 
     Attributes
     ----------
     groups : dict of LinkKind to dict of (str, str) to GroupFit
-        Ranges and bearings, by observer and target: those of a sensor with an empty target, of
-        all with empty names.
+        Fits for ranges and bearings by observer and target: groups of a sensor have an empty
+        target, groups of all have two empty names.
     odometry : Bounds
-        Of all robots.
+        Bounds for all robots.
     robot_odometry : dict of str to Bounds
-        By robot.
+        Bounds by robot.
     judged : frozenset of LinkKey
         The inputs of ranges and bearings that had a reading to learn from.
     is_widened : bool
-        Whether no bounds become narrower than those stated.
+        Whether bounds are only widened, never narrowed.
     offsets_s : dict of LinkKey to float
-        What is to be added to the stamps of links.
+        Corrections to add to the stamps of links.
     notes : list of str
-        Sentences on what was learned, and what cannot be.
+        Sentences on the results and on bounds that cannot be learned.
 
     """
 
@@ -149,7 +149,7 @@ def _gathered(errors: Mapping[LinkKey, Errors], kind: LinkKind, per: str) -> dic
 
 
 def bounds_of(model: Any, prefix: str) -> Bounds:
-    """Return what is learned of a model by the names of the parameters; the rest stays stated."""
+    """Return the learned parameters of a model by name, without those that stay as stated."""
     numbers = {name: getattr(model, field) for name, field in fields_of(model, prefix).items()}
     learned = numbers.keys() - NOT_LEARNED
     return {name: float(x) for name, x in numbers.items() if name in learned and x is not None}
@@ -157,9 +157,9 @@ def bounds_of(model: Any, prefix: str) -> Bounds:
 
 def fit(gatherer: Gatherer, recording: Recording, per: str, choice: Choice) -> LearnedBounds:
     """
-    Learn bounds from readings and a ground truth, or without one from their scatter.
+    Learn bounds from readings and a ground truth, or from their scatter without one.
 
-    Without a truth no bounds become narrower than those stated.
+    Without a truth, bounds never become narrower than the stated ones.
     """
     fleet, truth = gatherer.config, recording.truth
     learned, tracks = LearnedBounds(is_widened=truth is None), truth.tracks if truth else None
@@ -209,7 +209,7 @@ def fit(gatherer: Gatherer, recording: Recording, per: str, choice: Choice) -> L
 
 
 def _stated(gatherer: Gatherer, kind: LinkKind, pair: Pair) -> SensorBounds:
-    """Return the bounds that readings of a group came with; of several, the widest."""
+    """Return the stated bounds of the readings of a group; the widest if there are several."""
     of_group = gatherer.stated.get(LinkKey(kind, *pair), {gatherer.config.sensor_bounds})
     if kind is LinkKind.BEARING:
         return max(of_group, key=attrgetter('bearing_half_width_rad'))
@@ -234,7 +234,7 @@ def _known_group(
     else:
         bounds, seen = {'half_width': learned.bearing_half_width_rad}, f'median {median:.3f}'
         if dimension == 2:
-            # In space the errors are angles without a sign, and say nothing of the vertical axis.
+            # In space the errors are angles without a sign, so the median is no expected error.
             bounds['expected_error'] = median
     excluded = int(np.count_nonzero(_breaking(learned, kind, one)))
     text = f'{_seen(kind, one, "error")}, {seen}; {_percent(excluded, one)} excluded'
@@ -261,7 +261,7 @@ def _seen(kind: LinkKind, one: Errors, what: str) -> str:
 
 
 def _widths(bounds: SensorBounds, kind: LinkKind, one: Errors) -> NDArray[np.float64]:
-    """Return how far apart bounds are for each reading."""
+    """Return the width of the bounds for each reading."""
     if kind is LinkKind.BEARING:
         return np.full(len(one.errors), 2.0 * bounds.bearing_half_width_rad)
     model = bounds.range_error
@@ -274,7 +274,7 @@ def _percent(count: int, one: Errors) -> str:
 
 
 def _scatter_group(kind: LinkKind, one: Errors, choice: Choice, stated: SensorBounds) -> GroupFit:
-    """Return the stated bounds, no narrower than the scatter."""
+    """Return the stated bounds, widened to the scatter of the readings."""
     text = _seen(kind, one, 'scatter')
     if kind is LinkKind.BEARING:
         half_width_rad = fit_half_width_rad(one.errors, choice)
@@ -295,10 +295,10 @@ def _add_delays(
     learned: LearnedBounds, errors: Mapping[LinkKey, Errors], recording: Recording
 ) -> None:
     """
-    Find ranges whose stamps are late or early, and what to add to those of links.
+    Find ranges whose stamps are late or early, and the corrections for the stamps of links.
 
-    A range that is stamped late by t is that of the distance t before: its error is -t times the
-    rate of the distance, and the slope of a regression on that rate shows it.
+    A range that is stamped late by t belongs to the distance at a time t before: its error is -t
+    times the rate of the distance, and a regression on that rate finds it.
     """
     links = {link.key for link in recording.links.values()}
     if recording.truth is None:
@@ -334,7 +334,7 @@ def _add_delays(
 
 
 def _limits_without_truth(gatherer: Gatherer) -> Iterator[str]:
-    """Yield what a recording without truth cannot tell."""
+    """Yield notes on errors that a recording without truth cannot show."""
     yield 'Without a ground truth only the scatter of the readings is seen, not a bias of a pair.'
     yield 'Without --truth the bounds are those that you stated, or as wide as the scatter.'
     if any(key.kind is LinkKind.BEARING for key in gatherer.readings):
@@ -344,7 +344,7 @@ def _limits_without_truth(gatherer: Gatherer) -> Iterator[str]:
 
 
 def _breaking(bounds: SensorBounds, kind: LinkKind, one: Errors) -> NDArray[np.bool_]:
-    """Return which readings break bounds, as far as that is known."""
+    """Return which readings violate bounds, as far as that is known."""
     if kind is LinkKind.BEARING:
         return np.abs(one.errors) > bounds.bearing_half_width_rad
     if bounds.range_error.sigma_factor > 0.0:
@@ -356,7 +356,7 @@ def _breaking(bounds: SensorBounds, kind: LinkKind, one: Errors) -> NDArray[np.b
 
 
 def broken_bounds(gatherer: Gatherer, errors: Mapping[LinkKey, Errors]) -> list[str]:
-    """Return sentences on the readings that break all bounds stated for them, oldest first."""
+    """Return sentences on the readings that violate all their stated bounds, oldest first."""
     found = []
     for key, one in errors.items():
         broken = [_breaking(bounds, key.kind, one) for bounds in gatherer.stated[key]]

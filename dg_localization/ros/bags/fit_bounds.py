@@ -7,9 +7,9 @@ The executable `fit_bounds`: a rosbag2 in, error bounds for the parameters of th
     fit_bounds BAG --params FILE [--truth TOPIC ... | --truth FILE.csv] [--per link|sensor|all]
                [--keep SHARE] [--margin SHARE] [--start S] [--duration S] [--ros-args ...]
 
-With --truth it learns bounds. Without, it keeps what FILE states, widens it for scatter, and
-cannot see a bias. What it prints is a file of parameters: what was found stands in its comments.
-It is given to the node beside FILE, after it.
+With --truth it learns bounds. Without, it keeps the bounds of FILE, widens them for scatter, and
+cannot see a bias. It prints a file of parameters with its findings in comments. Give that file to
+the node after FILE.
 """
 
 import argparse
@@ -102,7 +102,7 @@ def main(args: Sequence[str]) -> int:
     return EXIT_FAILED if recording.damage else 0
 
 
-# What a link measures of others.
+# The kinds of measurements of others that a link carries.
 MEASURED = {
     LinkKind.RANGE: (LinkKind.RANGE,),
     LinkKind.BEARING: (LinkKind.BEARING,),
@@ -111,7 +111,7 @@ MEASURED = {
 
 
 def as_yaml(fit: LearnedBounds, links: Sequence[Link], bag: str, fleet: FleetConfig) -> str:
-    """Return the file."""
+    """Return the text of the file of parameters."""
     comments = [f'Error bounds learned from {bag} by fit_bounds.', *fit.notes]
     comments += _kept_links(fit, links)
     parameters: Tree = {}
@@ -127,7 +127,7 @@ def as_yaml(fit: LearnedBounds, links: Sequence[Link], bag: str, fleet: FleetCon
 
 
 def _link_text(fit: LearnedBounds, link: Link, fleet: FleetConfig) -> str:
-    """Return a link that has bounds of its own or was named as such; else nothing."""
+    """Return the text of a link that has its own bounds or was named explicitly, else nothing."""
     bounds = dict(link.overrides)
     for kind in MEASURED.get(link.key.kind, ()):
         bounds |= _learned(fit, kind, link, fleet)
@@ -145,7 +145,7 @@ def _link_text(fit: LearnedBounds, link: Link, fleet: FleetConfig) -> str:
 
 
 def _learned(fit: LearnedBounds, kind: LinkKind, link: Link, fleet: FleetConfig) -> Bounds:
-    """Return the bounds that a link needs to be given, of its ranges or of its bearings."""
+    """Return the bounds that a link must state for its ranges or its bearings."""
     group = fit.group_of(kind, link.key.ends)
     stated = {name: value for name, value in link.overrides.items() if name in KINDS[kind].bounds}
     if group is None or (group is fit.of_all(kind) and not stated):
@@ -158,13 +158,13 @@ def _learned(fit: LearnedBounds, kind: LinkKind, link: Link, fleet: FleetConfig)
 
 
 def _is_as_stated(fit: LearnedBounds, kind: LinkKind, link: Link) -> bool:
-    """Return whether a link keeps bounds of its own: none of its readings speaks against them."""
+    """Return whether a link keeps its stated bounds, since no reading contradicts them."""
     states = not link.overrides.keys().isdisjoint(KINDS[kind].bounds)
     return states and not fit.is_judged(kind, link.key.ends)
 
 
 def _kept_links(fit: LearnedBounds, links: Iterable[Link]) -> Iterator[str]:
-    """Yield a sentence on each link whose bounds stay, although those of others were learned."""
+    """Yield a sentence on each link that keeps its bounds while others were learned."""
     for link in links:
         for kind in MEASURED.get(link.key.kind, ()):
             if fit.of_all(kind) and _is_as_stated(fit, kind, link):
@@ -172,7 +172,7 @@ def _kept_links(fit: LearnedBounds, links: Iterable[Link]) -> Iterator[str]:
 
 
 def _of_fleet(kind: LinkKind, fleet: FleetConfig) -> Bounds:
-    """Return the bounds that are stated of all ranges or of all bearings."""
+    """Return the stated bounds of all ranges or of all bearings."""
     if kind is LinkKind.BEARING:
         return {name: getattr(fleet, field) for name, field in BEARING_FIELDS.items()}
     return bounds_of(fleet.range_error, 'range.')

@@ -4,7 +4,7 @@
 """
 The executable `localize_bag`: a rosbag2 in, a rosbag2 with every answer out, and a report.
 
-It does in the time of the bag what the node does: the same parameters, the same inputs, the same
+It does the work of the node in the time of the bag: the same parameters, the same inputs, the same
 estimate at the same rate, the same messages on the same topics. The same bag gives the same bytes
 on every run: no limit depends on a clock of the machine. Of several bags each is localized by a
 process of its own: nothing is shared but the files. `solver.max_seconds`,
@@ -66,17 +66,17 @@ from dg_localization.ros.executables import (
 from dg_localization.ros.spinning import own_arguments
 
 PAGE = '.html'
-"""The ending of a report with pictures."""
+"""The suffix of a report with pictures."""
 
 REPORT, ANSWERS = 'report.json', 'answers'
-"""What, of several bags, the report of one and the bag with its answers are called."""
+"""Names of the report of one of several bags, and of the bag with its answers."""
 
 
 class BagRun:
     """
-    One bag, and all that is made of its answers.
+    One bag, and the outputs made from its answers.
 
-    The inputs are looked for and the truth is read before kernels are compiled for minutes.
+    Inputs are found and the truth is read first, before kernels are compiled for minutes.
     """
 
     def __init__(self, options: argparse.Namespace, task: Task, bag: Bag) -> None:
@@ -133,7 +133,7 @@ class BagRun:
         return (time_ns - self.bag.start_ns) / NS_PER_S
 
     def write_report(self, tree: Tree) -> None:
-        """Write the report and the picture where the command line says, and print the report."""
+        """Write the report and the picture as the command line asks, and print the report."""
         options, text = self.options, as_markdown(tree['bag'], parts(tree))
         if options.report is not None:
             written = as_json(tree) if options.report.suffix == '.json' else text
@@ -147,7 +147,7 @@ class BagRun:
 
 
 def localize_many(options: argparse.Namespace, args: Sequence[str]) -> int:
-    """Localize several bags, print and write what came of all; return the exit code."""
+    """Localize several bags, print and write the results; return the exit code."""
     bags: dict[str, Path] = {}
     for bag in options.bags:
         name = bag.resolve().stem if bag.is_file() else bag.resolve().name
@@ -163,7 +163,7 @@ def localize_many(options: argparse.Namespace, args: Sequence[str]) -> int:
     for argument in args:
         is_of_ros = argument == '--ros-args' or (is_of_ros and argument != '--')
         shared += [argument] if is_of_ros else []
-    # A thread waits for each process.
+    # One thread waits for each process.
     with ThreadPoolExecutor(int(options.jobs)) as threads:
         futures = []
         for name, bag in bags.items():
@@ -189,7 +189,7 @@ def localize_many(options: argparse.Namespace, args: Sequence[str]) -> int:
 
 
 def _localize(folder: Path, arguments: Sequence[str], running: list[Any]) -> Tree:
-    """Localize one bag in a process of its own; return exit code, report and error."""
+    """Localize one bag in a separate process; return exit code, report and error."""
     folder.mkdir()
     report = folder / REPORT
     # In a session of its own it gets Ctrl-C only once: a second signal ends it at once.
@@ -217,7 +217,7 @@ def _localize(folder: Path, arguments: Sequence[str], running: list[Any]) -> Tre
 
 
 def many_as_markdown(outcomes: Sequence[Tree]) -> str:
-    """Return the reports of all bags for a person: a line each, and what failed."""
+    """Return a readable report on all bags: one line for each, and the failures."""
     columns = (
         *('bag', 'ticks', 'with one hypothesis', 'contradictory', 'measurements', 'rejected'),
         *('median width, by robot', 'truth inside', 'ended'),
@@ -254,7 +254,7 @@ def _get_solver_ready() -> None:
 
 
 def _localize_one(options: argparse.Namespace, task: Task) -> int:
-    """Localize a bag, print and write what came of it; return the exit code."""
+    """Localize a bag, print and write the results; return the exit code."""
     with open_bag(options.bag) as bag:
         run = BagRun(options, task, bag)
         _get_solver_ready()

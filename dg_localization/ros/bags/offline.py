@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What the node does, without the node: in the time of a bag, into another bag.
+The work of the node without the node: in the time of a bag, into another bag.
 
-That is an .mcap, by the package rosbags: equal messages give equal bytes.
+The output is an .mcap, written by the package rosbags: equal messages give equal bytes.
 """
 
 import argparse
@@ -42,12 +42,12 @@ from dg_localization.ros.spinning import ros_arguments_checked
 from msg_adapters import Diagnostics, Status
 
 SILENCE_NS = 60 * NS_PER_S
-"""A bag without a message of any input for longer has a gap: nothing is answered in it."""
+"""After a longer time without any message the bag has a gap, in which nothing is answered."""
 
 AFTER_LAST_NS = 10 * NS_PER_S
-"""For how long into a gap answers go on, so that the last ones are not taken to be fresh."""
+"""Time for which answers continue into a gap, so that the last ones do not look fresh."""
 
-# How rosbag2 writes a duration without limit.
+# The encoding of an infinite duration in rosbag2.
 FOREVER = (2**31 - 1, 2**32 - 1)
 
 DISCOVERY = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
@@ -55,7 +55,7 @@ DISCOVERY = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 
 @dataclass(frozen=True)
 class Task:
-    """The parameters without limits of time, the name of the node, and those of its outputs."""
+    """The parameters without time limits, the name of the node, and the names of its outputs."""
 
     settings: Settings
     node: str
@@ -63,7 +63,7 @@ class Task:
 
 
 def read_task(params: Path, arguments: Sequence[str]) -> Task:
-    """Read a file of parameters, and arguments that win over it, exactly as the node does."""
+    """Read a file of parameters, and arguments that override it, exactly as the node does."""
     with _hidden_localizer(params, arguments) as node:
         settings = declare_settings(node)
         fleet = settings.fleet
@@ -105,17 +105,17 @@ def _hidden_localizer(params: Path, arguments: Sequence[str]) -> Iterator[Node]:
 
 class Recording:
     """
-    What a command line names of a bag: the inputs of a fleet, and where the robots truly were.
+    The parts of a bag that a command line names: the inputs of a fleet, and the ground truth.
 
     Attributes
     ----------
     links : dict of str to Link
-        By topic, all inputs; those named one by one may be missing from the bag.
+        All inputs by topic; explicit links may be missing from the bag.
     wrong_types : dict of Link to tuple of str
-        Inputs whose topics have other types, with these.
+        Inputs whose topics have other types, with these types.
     truth : FleetTruth or None
     reading : Reading
-        Of the inputs that can be read.
+        The readable inputs.
 
     """
 
@@ -171,13 +171,13 @@ class Recording:
 
 
 class BagWriter:
-    """Writes serialized messages into a new bag, and keeps them where an exception ends it."""
+    """Writes serialized messages into a new bag, which is kept if an exception ends it."""
 
     def __init__(self, path: Path) -> None:
         from rosbags.rosbag2 import StoragePlugin, Writer
         from rosbags.typesys import Stores, get_typestore
 
-        # Version 9 is Jazzy's.
+        # Jazzy uses version 9.
         self._writer: Any = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
         self._path, self._is_empty = path, True
         self._types = get_typestore(Stores.ROS2_JAZZY)
@@ -218,7 +218,7 @@ class BagWriter:
 
 
 def _recorded_qos(profile: QoSProfile) -> Any:
-    """Return a profile as a bag keeps it."""
+    """Return a profile in the format of a bag."""
     from rosbags import interfaces
 
     kept = interfaces.QosHistory.KEEP_LAST, profile.depth
@@ -231,7 +231,7 @@ def _recorded_qos(profile: QoSProfile) -> Any:
 
 class BagLocalizer:
     """
-    Does what the node does, at the times that the caller gives.
+    Does the work of the node at the times that the caller gives.
 
     Attributes
     ----------
@@ -257,9 +257,9 @@ class BagLocalizer:
         self, time_ns: int, cancel: Cancel
     ) -> tuple[Estimate, Snapshot, Sequence[Status]] | None:
         """
-        Localize and write the answer; None, and nothing written, when it is cancelled.
+        Localize and write the answer; return None and write nothing if it is cancelled.
 
-        Return it with the snapshot that it is to, and what the node would say.
+        Return the estimate, its snapshot, and the statuses that the node would publish.
         """
         now_s = in_seconds(time_ns)
         snapshot = self._localizer.snapshot(self._localizer.answer_time(now_s))
@@ -283,7 +283,7 @@ class BagLocalizer:
         for status in diagnostics.statuses:
             # This value depends on the machine.
             status.values.pop('solve_s', None)
-        # As the node does, on a change and every second.
+        # Like the node, on a change and every second.
         before, self._second = self._second, time_ns // NS_PER_S
         for name, message in self._stream.messages(diagnostics, self._second != before):
             self._writer.write(self._task.topics[name], time_ns, message)
@@ -294,10 +294,10 @@ def timeline(
     recording: Recording, gaps_ns: list[tuple[int, int]]
 ) -> Iterator[tuple[int, BagMessage | None]]:
     """
-    Yield messages, and times of answers with None, in order; messages first at the same time.
+    Yield messages, and times of answers with None, in order; messages come first at equal times.
 
-    The first answer is one period after the start, the last not after the end. Times without a
-    message for long are left out, and added to the gaps.
+    The first answer is one period after the start, the last not after the end. Long times without
+    messages are left out and added to `gaps_ns`.
     """
     (start_ns, end_ns), rate_hz = recording.span_ns(), recording.rate_hz
     number, last_ns = 1, start_ns

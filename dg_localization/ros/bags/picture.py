@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The picture of a bag: its answers over time, robot by robot, and a map of them.
+The picture of a bag: its answers over time for each robot, and a map.
 
-With the report it makes one page for a colleague, which needs no network and no other file: an SVG
-in HTML, which a printer and a mail program show as well as a browser.
+Together with the report it makes one page, which needs no network and no other file: an SVG in
+HTML, which printers and mail programs show as well as browsers.
 """
 
 from collections import Counter
@@ -32,19 +32,19 @@ from dg_localization.ros.executables import ExecutableError
 FloatArray = NDArray[np.float64]
 
 PICTURES = ('.png', '.svg', '.pdf')
-"""What the file of a picture may end in."""
+"""Allowed suffixes of a picture file."""
 
 COLORS = ('#0072B2', '#E69F00', '#009E73', '#D55E00', '#CC79A7', '#56B4E9')
-"""Told apart by people of every color vision (Okabe and Ito); further robots begin again."""
+"""Colors for every color vision (Okabe and Ito); they repeat for further robots."""
 
 MOMENTS, ROWS = 600, 20
-"""Most answers that are drawn, one a pixel, and most robots with panels of their own."""
+"""Most answers that are drawn, one per pixel, and most robots with their own panels."""
 
 ROW_IN, MAP_IN, PANEL_IN = 1.5, 5.5, 3.2
 """The height of a robot's panels and the widths of the map and of a panel, in inches."""
 
 LARGEST_M = 1e9
-"""What is farther away is not drawn, and not a bound."""
+"""Values farther away are not drawn and count as unbounded."""
 
 HEADING = 'heading [rad]'
 ERROR = 'off the truth [m]'
@@ -61,11 +61,11 @@ def check_can_draw() -> None:
 @dataclass(frozen=True)
 class _Moment:
     """
-    The answer of one time, in a frame whose name is empty where there are no placements.
+    The answer at one time; the name of its frame is empty if there are no placements.
 
-    What is `found` are best points and bounds from below and above, shape (3, k, n, c), by
-    hypothesis, robot and column; the truth has (n, c), the places of the anchors (m, q).
-    `mirrored` are mirror images of others.
+    `found` holds best points, lower bounds and upper bounds, shape (3, k, n, c), by hypothesis,
+    robot and column; the truth has shape (n, c), the places of the anchors (m, q). `mirrored`
+    marks mirror images.
     """
 
     time_s: float
@@ -80,8 +80,8 @@ class AnswerPicture:
     """
     Gathers answers and draws them.
 
-    There is a row of panels for each robot and a column for each coordinate, in the plane one for
-    the heading, and with a truth one for how far the robot is off.
+    There is a row of panels for each robot, with a column for each coordinate, for the heading in
+    the plane, and for the position error with a truth.
     """
 
     def __init__(self, fleet: FleetConfig, title: str, truth: FleetTruth | None = None) -> None:
@@ -122,7 +122,7 @@ class AnswerPicture:
             self._every *= 2
 
     def _columns_of(self, placement: Placement) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the best point of a placement and its bounds from below and above."""
+        """Return the best point of a placement and its lower and upper bounds."""
         low, high = placement.enclosure_m[:, 0], placement.enclosure_m[:, 1]
         if self._dimension == 3:
             return placement.positions_m, low, high
@@ -141,7 +141,7 @@ class AnswerPicture:
         self.figure().savefig(path, dpi=100)
 
     def as_svg(self) -> str:
-        """Return the picture as an SVG, without the address of its maker and the date."""
+        """Return the picture as an SVG, without metadata on its creator and date."""
         text = StringIO()
         nothing = dict.fromkeys(('Creator', 'Date', 'Format', 'Type'))
         self.figure().savefig(text, format='svg', metadata=nothing)
@@ -167,13 +167,13 @@ class AnswerPicture:
             panels[-1, column].set_xlabel('time from the start of the bag [s]')
         is_cut = len(self._robots) > n_rows
         cut = f' (robots after the first {n_rows} are on the map only)' if is_cut else ''
-        # A name with $ is no formula.
+        # A name with $ must not be parsed as a formula.
         figure.suptitle(self._title + cut, parse_math=False)
         figure.legend(handles=self._legend(), loc='outside lower center', ncols=6, frameon=False)
         return figure
 
     def _draw_map(self, panel: Any) -> None:
-        """Draw where the robots were, in the frame that most answers have."""
+        """Draw the paths of the robots in the most frequent frame."""
         frames = Counter(moment.frame for moment in self._moments if moment.frame)
         frame, count = frames.most_common(1)[0] if frames else ('no answer has placements', 0)
         shown = [moment for moment in self._moments if moment.frame == frame]
@@ -200,7 +200,7 @@ class AnswerPicture:
         mirrored_s = [m.time_s for m in shown if m.mirrored.any()]
         if mirrored_s:
             title += f'; mirror images from {mirrored_s[0]:.1f} to {mirrored_s[-1]:.1f} s'
-        # Names beside the map: on it they would cover the paths.
+        # The legend is beside the map: on it the names would cover the paths.
         panel.legend(
             loc='upper center', bbox_to_anchor=(0.5, -0.1), ncols=4, frameon=False, markerscale=2.0
         )
@@ -240,7 +240,7 @@ class AnswerPicture:
         panel.set_axisbelow(True)
 
     def _legend(self) -> list[Any]:
-        """Return what the signs mean, in neutral colors."""
+        """Return the legend of the symbols, in neutral colors."""
         from matplotlib.lines import Line2D
         from matplotlib.patches import Patch
 
@@ -278,7 +278,7 @@ svg { max-width: 100%; height: auto; }
 
 
 def as_page(tree: Tree, fleet: FleetConfig, picture: str) -> str:
-    """Return a report as HTML, with its picture, an SVG, in it."""
+    """Return a report as HTML with its picture as embedded SVG."""
     heard = [
         (
             row['input'],

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The messages of some topics of a bag, in the order of their receive times, as of installed types.
+The messages of topics of a bag in the order of receive times, converted to the installed types.
 
-sensor_msgs/Range has a variance since Iron, and no subscriber of today reads the bytes of before.
+sensor_msgs/Range has a variance since Iron, and no current subscriber reads the older bytes.
 """
 
 from collections import Counter, defaultdict, deque
@@ -26,7 +26,7 @@ from dg_localization.ros.bags.bag import (
 from dg_localization.ros.executables import make_progress
 
 DISTRIBUTIONS = ('JAZZY', 'IRON', 'HUMBLE', 'GALACTIC', 'FOXY', 'ELOQUENT', 'DASHING')
-"""Where a bag does not hold the definition of a type, that of one of these may fit."""
+"""Distributions whose definitions are tried if a bag holds no definition of a type."""
 
 
 class BagMessage(NamedTuple):
@@ -39,18 +39,18 @@ class BagMessage(NamedTuple):
 
 class Reading:
     """
-    Some topics of a bag, by default all, to be read in a part of its time, by default in all.
+    Topics of a bag (default: all) to be read in a part of its time (default: all).
 
     Attributes
     ----------
     start_ns, stop_ns : int
         The part to be read.
     topics : list of Topic
-        Those that can be read.
+        The topics that can be read.
     notices : list of str
-        One sentence for each topic that is passed over.
+        One sentence for each skipped topic.
     unreadable : Counter of str
-        By topic, the damaged messages that were passed over.
+        The number of skipped damaged messages by topic.
 
     Raises
     ------
@@ -93,7 +93,7 @@ class Reading:
             raise BagError(f'nothing in the bag can be read: {why}')
 
     def _take(self, topic: Topic) -> str:
-        """Take a topic among those to read, or return why not."""
+        """Add a topic to those to read, or return the reason why not."""
         if not topic.count:
             return 'no message'
         if len(topic.type_names) > 1:
@@ -111,13 +111,13 @@ class Reading:
 
     @property
     def damage(self) -> list[str]:
-        """What is wrong with the bag and with these topics, as far as they were read."""
+        """The damage of the bag and of these topics, as far as they were read."""
         lost = [name for name in self.unreadable if not self._delivered[name]]
         texts = [f'{name}: none of its messages could be read' for name in lost]
         return [*self.bag.damage, *self._undecodable, *texts]
 
     def shown(self) -> Iterator[BagMessage]:
-        """Yield the messages with a bar over the time of the bag."""
+        """Yield the messages with a progress bar over the time of the bag."""
         done_ns = self.start_ns
         left_ns = max(0, min(self.bag.end_ns + 1, self.stop_ns) - done_ns)
         with closing(make_progress(left_ns / NS_PER_S)) as progress:
@@ -130,7 +130,7 @@ class Reading:
         """
         Yield the messages in the order of their receive times.
 
-        What was latched before the start comes at the start, as a late subscriber gets it.
+        Messages latched before the start come at the start, as for a late subscriber.
         """
         latched = {
             topic.name: deque[BagMessage](maxlen=max(1, sum(q.depth for q in topic.offered_qos)))
@@ -175,7 +175,7 @@ def converter(topic: Topic) -> Callable[[bytes], bytes] | None:
         return decompressed
 
     def n_fitting(store: Any) -> int:
-        """Return how many of the first messages can be read by a definition."""
+        """Return the number of the first messages that a definition can read."""
         count = 0
         for data in topic.samples:
             with suppress(Exception):  # the generated code of rosbags may raise anything
@@ -211,7 +211,7 @@ def _typestore(distribution: str) -> Any:
 
 @cache
 def _recorded(channel: Channel, type_name: str) -> Any:
-    """Return the definition that the bag has; None where there is none that can be parsed."""
+    """Return the definition in the bag; None if there is none that can be parsed."""
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.EMPTY)
@@ -231,7 +231,7 @@ def _is_known(recorded: Any, installed: Any, type_name: str) -> bool:
     """
     Return whether the installed definition has all fields of a recorded one.
 
-    A converter drops others, and leaves a zero in the field that they should have filled.
+    A converter drops unknown fields, and leaves zero in the field that they should have filled.
     """
     if type_name not in recorded.fielddefs:
         return False

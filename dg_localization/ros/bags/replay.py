@@ -6,7 +6,7 @@ The executable `replay`: the messages of a rosbag2 on their topics, with `/clock
 
     replay BAG [--rate R] [--loop] [--start S] [--duration S] [--topics T ...] [--wait S]
 
-Nodes that are to live in the time of the bag set the parameter `use_sim_time`.
+Nodes that use the time of the bag set the parameter `use_sim_time`.
 """
 
 import argparse
@@ -28,9 +28,9 @@ from dg_localization.ros.spinning import own_arguments, rclpy_running
 
 CLOCK = '/clock'
 QUEUE_DEPTH = 100
-# Between messages the clock goes on, so that timers in bag time run through a gap.
+# The clock also ticks between messages, so that timers in bag time run through a gap.
 CLOCK_PERIOD_S = 0.05
-# Subscribers come one by one; after this long without a new one all are taken to be there.
+# Subscribers come one by one; after this time without a new one all count as present.
 SETTLED_S = 0.5
 ACKNOWLEDGE_S = 2.0
 # A bag of one message has no duration: without a pause its loop would flood the graph.
@@ -46,9 +46,9 @@ class Replayer:
     node : rclpy.node.Node
         The node that owns the publishers.
     topics : sequence of Topic
-        Where to publish.
+        The topics to publish.
     rate : float
-        How many seconds of the bag pass in a second.
+        Seconds of the bag per second.
 
     """
 
@@ -61,7 +61,7 @@ class Replayer:
         self._clock = node.create_publisher(Clock, CLOCK, _qos(latched=False))
 
     def wait_for_subscribers(self, timeout_s: float) -> int:
-        """Wait until there are subscribers and no new ones come; return how many there are."""
+        """Wait until there are subscribers and no new ones come; return their number."""
         deadline_s = time.monotonic() + timeout_s
         count, since_s = 0, time.monotonic()
         while time.monotonic() < deadline_s:
@@ -74,7 +74,7 @@ class Replayer:
         return count
 
     def play(self, messages: Iterable[BagMessage], start_ns: int) -> int:
-        """Publish messages, each after the time of it on `/clock`, and wait for subscribers."""
+        """Publish messages, each after its time on `/clock`, then wait for acknowledgement."""
         began_s, clock, count = time.monotonic(), Clock(), 0
         clock_ns = start_ns - 1
         for message in messages:
@@ -96,13 +96,13 @@ class Replayer:
 
 
 def _qos(latched: bool) -> QoSProfile:
-    """Return a profile that subscribers of every reliability can read."""
+    """Return a profile that is compatible with subscribers of every reliability."""
     durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
     return QoSProfile(depth=QUEUE_DEPTH, durability=durability)
 
 
 def replay(node: Node, options: argparse.Namespace) -> None:
-    """Do what the command line asks for."""
+    """Replay a bag as the command line asks."""
     with open_bag(options.bag) as bag:
         reading = Reading(bag, options.topics, options.start, options.duration)
         for notice in (*bag.damage, *bag.notices, *reading.notices):
@@ -111,7 +111,7 @@ def replay(node: Node, options: argparse.Namespace) -> None:
             raise BagError(
                 f'--start {options.start:g} s is after the end: the bag has {bag.duration_s:.1f} s'
             )
-        # The time of the recording is told by the replay itself.
+        # The replay publishes the time of the recording itself.
         topics = [topic for topic in reading.topics if topic.name != CLOCK]
         if len(topics) < len(reading.topics):
             print_line(f'{CLOCK} is passed over: replay publishes the time of the bag there')

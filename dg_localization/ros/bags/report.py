@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The report on a whole bag: its answers are counted tick by tick and summed up at the end.
+The report on a whole bag: answers are counted at every tick and summed up at the end.
 
-A report is a dictionary of plain values, which is written as JSON. `parts` makes paragraphs and
-tables of it, and these become Markdown or HTML.
+A report is a dictionary of plain values, which is written as JSON. `parts` converts it to
+paragraphs and tables, which become Markdown or HTML.
 """
 
 from collections import Counter
@@ -32,11 +32,11 @@ Tree: TypeAlias = dict[str, Any]
 NUMBER = re.compile(r'\d[\d.]*')
 
 ROWS = 30
-"""Most rows of what the node would say."""
+"""Most rows of statuses that the node would publish."""
 
 
 class Tally:
-    """Counts estimates by what they contain; `tree` returns the sums."""
+    """Counts estimates by their contents; `tree` returns the sums."""
 
     def __init__(self, robots: tuple[str, ...]) -> None:
         self.ticks = 0
@@ -45,11 +45,11 @@ class Tally:
         self._verdicts: Counter[str] = Counter()
         self._contradictions, self._forgotten, self._said = Runs(), Runs(), Runs()
         self._robots, self._widths_m = robots, list[NDArray[np.float64]]()
-        # Of messages that differ in their numbers the first is shown.
+        # Of messages that differ only in their numbers the first is shown.
         self._wording: dict[tuple[str, str], str] = {}
 
     def add(self, estimate: Estimate, time_s: float, statuses: Iterable[Status] = ()) -> None:
-        """Count an estimate for a time from the start of the bag, and what the node would say."""
+        """Count an estimate and its statuses, at a time from the start of the bag."""
         self.ticks += 1
         self.last_s = time_s
         self._hypotheses[estimate.n_hypotheses] += 1
@@ -58,7 +58,7 @@ class Tally:
             self._widths_m.append(np.ptp(placement.enclosure_m, axis=1).max(axis=1))
         for forgotten in estimate.forgotten:
             self._forgotten.add(self.ticks, time_s, why=forgotten.text)
-        # Inputs may contradict each other also where some could be dropped.
+        # Inputs may contradict each other even if some could be dropped.
         if estimate.verdict is Verdict.INFEASIBLE or estimate.conflicts:
             conflicts = tuple(tuple(map(str, conflict)) for conflict in estimate.conflicts)
             self._contradictions.add(self.ticks, time_s, conflicts=conflicts)
@@ -70,7 +70,7 @@ class Tally:
                 self._said.add(self.ticks, time_s, status=name, message=text)
 
     def tree(self) -> Tree:
-        """Return the sums; a width is None where most enclosures are not bounded, or none is."""
+        """Return the sums; a width is None if most enclosures are unbounded, or there are none."""
         # The lower one of two: a finite and an infinite width have no mean.
         of_none = [np.full(len(self._robots), np.inf)]
         widths_m = np.percentile(self._widths_m or of_none, 50.0, axis=0, method='lower')
@@ -89,14 +89,14 @@ class Tally:
 
 
 class Runs(list[Tree]):
-    """Runs of ticks that have something in common, in the order of their beginnings."""
+    """Runs of consecutive ticks with a common value, in the order of their beginnings."""
 
     def __init__(self) -> None:
         super().__init__()
         self._open: dict[tuple[Any, ...], tuple[int, Tree]] = {}
 
     def add(self, tick: int, at_s: float, **what: Any) -> None:
-        """Lengthen the run that ended with the tick before, or begin one."""
+        """Extend the run that ended with the tick before, or begin one."""
         key = tuple(what.values())
         number, run = self._open.get(key, (-2, {}))
         if number == tick - 1:
@@ -108,7 +108,7 @@ class Runs(list[Tree]):
 
 
 def inputs_tree(recording: Recording, intake: Intake, now_s: float) -> Tree:
-    """Return what each input delivered, and the sums over all inputs."""
+    """Return the counts of each input, and the sums over all inputs."""
     rows, links, states = [], recording.links.values(), intake.states(now_s)
     with_topic = {link.key for link in links}
     # Messages that name their observer count as peers of that robot.
@@ -125,7 +125,7 @@ def inputs_tree(recording: Recording, intake: Intake, now_s: float) -> Tree:
             'last_rejection': state.last_reason_text if state else '',
         }
         rows.append(row)
-        # What peers hold counts as theirs, not once more as ranges and rays.
+        # Readings of peers count as peers, not once more as ranges and rays.
         if key in with_topic or (named and key.kind is LinkKind.PEERS):
             accepted += row['accepted']
             rejected.update(reasons)
@@ -148,20 +148,20 @@ def _counts(counts: Mapping[Any, int]) -> dict[str, int]:
 
 
 def as_json(tree: Tree) -> str:
-    """Return a report for programs; null stands for what is not bounded or not there."""
+    """Return a report for programs; null means unbounded or missing."""
     return json.dumps(tree, indent=2, allow_nan=False) + '\n'
 
 
 @dataclass(frozen=True)
 class Sheet:
-    """A table of a report: what its columns are called, and its rows."""
+    """A table of a report: the names of its columns, and its rows."""
 
     columns: Sequence[str]
     rows: Sequence[Sequence[Any]]
 
 
 def as_markdown(title: str, parts: Iterable[str | Sheet]) -> str:
-    """Return a report for a person; its tables read well as they are, too."""
+    """Return a report as Markdown whose tables are readable as plain text."""
     texts = [f'# {title}']
     for part in parts:
         if isinstance(part, str):
@@ -212,7 +212,7 @@ def parts(tree: Tree) -> Iterator[str | Sheet]:
 
 
 def width_text(tree: Tree, robot: str) -> str:
-    """Return how narrow the enclosures of a robot are."""
+    """Return a text on the widths of the enclosures of a robot."""
     width_m = tree['median_enclosure_width_m'][robot]
     if tree['ticks_by_hypotheses'].keys() <= {'0'}:
         return 'no placement'
@@ -220,7 +220,7 @@ def width_text(tree: Tree, robot: str) -> str:
 
 
 def _over_time(tree: Tree) -> Iterator[str | Sheet]:
-    """Yield what was the case at some times: contradictions, what was forgotten and said."""
+    """Yield the events over time: contradictions, forgotten observations, statuses."""
     found = spans(tree['contradictions'], 'conflicts')
     if not found:
         yield 'No measurements of one moment were found to contradict each other.'
@@ -242,7 +242,7 @@ def _over_time(tree: Tree) -> Iterator[str | Sheet]:
 
 
 def truth_parts(truth: Tree) -> Iterator[str | Sheet]:
-    """Yield what is said of the answers beside a ground truth."""
+    """Yield the comparison of the answers with a ground truth."""
     if truth['without_truth']:
         yield f'There is no ground truth of {", ".join(truth["without_truth"])}.'
     gaps = ' Between samples that are more than 1 s apart no truth is known.'
@@ -279,7 +279,7 @@ def truth_parts(truth: Tree) -> Iterator[str | Sheet]:
 
 
 def spans(runs: Iterable[Tree], *names: str) -> dict[tuple[Any, ...], str]:
-    """Return by what runs have in common when they were, in words."""
+    """Return the times of runs as text, by their common values."""
     by_key: dict[tuple[Any, ...], list[Tree]] = {}
     for run in runs:
         by_key.setdefault(tuple(run[name] for name in names), []).append(run)
@@ -292,7 +292,7 @@ def spans(runs: Iterable[Tree], *names: str) -> dict[tuple[Any, ...], str]:
 
 
 def gap_text(first_s: float, last_s: float) -> str:
-    """Return a sentence on a time without any message of an input."""
+    """Return a sentence on a time without messages from any input."""
     span, lasts = f'{first_s:.1f} to {last_s:.1f} s', timedelta(seconds=round(last_s - first_s))
     return f'Nothing was received from {span} of the bag ({lasts}): this gap is skipped.'
 

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a bag holds of every input, for learning error bounds, and the errors of it."""
+"""The readings of a bag by input, for learning error bounds, and their errors."""
 
 from collections import defaultdict
 from collections.abc import Mapping
@@ -30,18 +30,18 @@ FloatArray: TypeAlias = NDArray[np.float64]
 
 class Gatherer(Localizer):
     """
-    A localizer that keeps all that it accepts of a recording, and is never asked to localize.
+    A localizer that keeps all accepted readings of a recording, and does not localize.
 
-    What the node would reject is nothing to learn from: its bounds are for what it takes.
+    Readings that the node would reject are not used: its bounds are for accepted readings.
 
     Attributes
     ----------
     readings : dict of LinkKey to list of (float, float or ndarray)
-        By input, stamps in s with ranges in m or with unit vectors in the body, as they arrived.
+        By input, stamps in s with ranges in m or unit vectors in the body frame, as they arrived.
     odometry : dict of str to list of list of OdometrySample
-        By robot; where its odometry starts anew, as the localizer finds it, a piece begins.
+        By robot; each restart of the odometry that the localizer detects begins a new piece.
     stated : dict of LinkKey to set of SensorBounds
-        The bounds that the readings of an input came with, of each link that has it.
+        The bounds that readings of an input came with, from all links that carry it.
 
     """
 
@@ -52,13 +52,13 @@ class Gatherer(Localizer):
         self.stated: dict[LinkKey, set[SensorBounds]] = defaultdict(set)
 
     def stamps_s(self) -> list[float]:
-        """Return the stamps of all that was measured."""
+        """Return the stamps of all measurements."""
         found = [row[0] for rows in self.readings.values() for row in rows]
         pieces = (piece for pieces in self.odometry.values() for piece in pieces)
         return found + [sample.stamp_s for piece in pieces for sample in piece]
 
     def add_odometry(self, robot: str, *args: Any, **kwargs: Any) -> Rejection | None:
-        """Keep a pose that is accepted, as it was reported."""
+        """Keep an accepted pose as it was reported."""
         rejection = super().add_odometry(robot, *args, **kwargs)
         if rejection is None:
             newest, pieces = self._track(robot).newest, self.odometry[robot]
@@ -70,7 +70,7 @@ class Gatherer(Localizer):
     def _take(
         self, key: LinkKey, value: Any, stamp_s: float, now_s: float, bounds: SensorBounds
     ) -> None:
-        """Keep a range or a ray that is not refused."""
+        """Keep an accepted range or ray."""
         super()._take(key, value, stamp_s, now_s, bounds)
         if key.reference:
             # The bounds of range differences are not learned.
@@ -80,7 +80,7 @@ class Gatherer(Localizer):
             in_body = in_body_frame(self._config.sensors.get(key.observer), value)
             ray = interpret_ray(in_body, self._config.dimension)
             self.readings[key].append((stamp_s, ray))
-        # Infinity is accepted where it proves that the target is far; it has no error.
+        # Infinity is accepted if it proves that the target is far; it has no error.
         elif math.isfinite(value.range_m):
             self.readings[key].append((stamp_s, value.range_m))
 
@@ -88,9 +88,9 @@ class Gatherer(Localizer):
 @dataclass(frozen=True, eq=False)
 class Errors(Columns):
     """
-    The errors of some readings, oldest first, each with shape (m,).
+    The errors of readings, oldest first, each array with shape (m,).
 
-    Values are ranges in m, and NaN for rays; errors are in m or in rad. Links are their inputs.
+    Values are ranges in m, NaN for rays; errors are in m or in rad. Links are the inputs.
     """
 
     stamps_s: FloatArray
@@ -105,10 +105,10 @@ def errors_of(
     offsets_s: Mapping[LinkKey, float] | None = None,
 ) -> dict[LinkKey, Errors]:
     """
-    Return the errors of ranges and rays beside the truth, where that is known.
+    Return the errors of ranges and rays against the truth, where it is known.
 
-    Without a truth they are what each reading is off what its neighbors in time let expect, which
-    in space is not known of rays. The offsets are added to the stamps first.
+    Without a truth they are the residuals of each reading against its neighbors in time; there are
+    none for rays in space. The offsets are added to the stamps first.
     """
     dimension, found = gatherer.config.dimension, {}
     for key, rows in gatherer.readings.items():

@@ -6,8 +6,8 @@ The executable `survey_anchors`: ranges between nodes at rest in, their coordina
 
     survey_anchors RANGES.csv --error LOW HIGH [--anchor NAME X Y [Z]] ... [--outliers K]
 
-The localizer places the nodes as it places robots. What is printed is a section `anchors` of the
-parameters of the node, in which every node is within its bound, or what is missing.
+The localizer places the nodes as it places robots. The output is a section `anchors` of the
+parameters of the node, in which every node is within its bound, or a list of what is missing.
 """
 
 import argparse
@@ -53,7 +53,7 @@ def survey(
     anchors: dict[str, Anchor],
     options: argparse.Namespace,
 ) -> Estimate:
-    """Place nodes at rest by all their ranges; those whose coordinates are known are anchors."""
+    """Place nodes at rest by all their ranges; nodes with known coordinates are anchors."""
     low_m, high_m = options.error
     names = {name: None for observer, target, _ in readings for name in (observer, target)}
     try:
@@ -79,7 +79,7 @@ def survey(
 
 
 def missing(estimate: Estimate) -> Iterator[str]:
-    """Yield what keeps the nodes from having one place each, up to a mirror image."""
+    """Yield reasons why the nodes have no unique places, up to a mirror image."""
     if not estimate.placements:
         yield estimate.reason
     for conflict in estimate.conflicts:
@@ -96,7 +96,7 @@ def missing(estimate: Estimate) -> Iterator[str]:
 
 
 def as_yaml(estimate: Estimate, anchors: dict[str, Anchor], source: str) -> str:
-    """Return the section of parameters; every node is within its bound of its coordinates."""
+    """Return the section of parameters, with a bound that holds the true place of each node."""
     placement = estimate.placements[0]
     comments = [f'Surveyed from {source} by survey_anchors, {estimate.frame}.']
     if any(other.mirrored for other in estimate.placements):
@@ -107,7 +107,7 @@ def as_yaml(estimate: Estimate, anchors: dict[str, Anchor], source: str) -> str:
     for name, anchor in anchors.items():
         found[name] = {'position': [*anchor.coordinates_m], 'bound': anchor.bound_m}
     places_m = np.round(placement.positions_m, 4)
-    # The farthest corner of the enclosure, and what four decimals round.
+    # The farthest corner of the enclosure, plus rounding to four decimals.
     off_m = np.abs(placement.enclosure_m - places_m[:, None]).max(axis=1)
     bounds_m = np.ceil(1e4 * np.linalg.norm(off_m, axis=1) + 1.0) / 1e4
     for name, place_m, bound_m in zip(estimate.robots, places_m, bounds_m, strict=True):

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Where the robots truly were: in topics of a bag, or in tables of a spreadsheet or of TUM."""
+"""Ground truth from topics of a bag, or from tables of a spreadsheet or in TUM format."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
@@ -32,23 +32,23 @@ ROBOT = '{robot}'
 TABLES = ('.csv', '.tsv', '.txt', '.tum')
 
 Poses = dict[str, list[tuple[float, Any, Any]]]
-"""By robot its stamps in s, positions and quaternions."""
+"""Stamps in s, positions and quaternions by robot."""
 
 COLUMNS = ('stamp', 'robot', 'x', 'y')
 QUATERNION = ('qx', 'qy', 'qz', 'qw')
 TUM = ('stamp', 'x', 'y', 'z', *QUATERNION)
-"""The columns of a file without a first line that names them."""
+"""The columns of a file without a header line."""
 
 SYNONYMS = {'timestamp': 'stamp', 'time': 'stamp', 't': 'stamp', 'name': 'robot'}
 SYNONYMS |= {f't{axis}': axis for axis in 'xyz'}
 
 UNITS = (('nanoseconds', 1e-9, 1e17), ('microseconds', 1e-6, 1e14), ('milliseconds', 1e-3, 1e11))
-"""What stamps are in that are greater than any time in seconds may be, and from where on."""
+"""Units of stamps that are too large for seconds: name, factor, and least stamp."""
 
 
 @dataclass
 class Truth:
-    """Where the robots truly were, and what there is to say of where that was read."""
+    """The true poses of the robots, with remarks on their source."""
 
     poses: Poses = field(default_factory=lambda: defaultdict(list))
     notices: list[str] = field(default_factory=list)
@@ -70,7 +70,7 @@ class Truth:
 
 
 def read_truth(names: Sequence[str], settings: Settings, bag: Bag) -> Truth:
-    """Read the ground truth that a command line names, if it names any."""
+    """Read the ground truth that a command line names, if any."""
     truth, fleet = Truth(), settings.fleet
     files = [name for name in names if name.lower().endswith(TABLES)]
     if not files:
@@ -95,7 +95,7 @@ def read_truth(names: Sequence[str], settings: Settings, bag: Bag) -> Truth:
 
 
 def _read_topics(topics: Mapping[str, str], settings: Settings, bag: Bag, truth: Truth) -> None:
-    """Add the poses on topics, each of one robot or, where its name is empty, of all."""
+    """Add the poses on topics of one robot each or, with an empty name, of all robots."""
     if not topics:
         return
     reading = Reading(bag, topics)
@@ -105,7 +105,7 @@ def _read_topics(topics: Mapping[str, str], settings: Settings, bag: Bag, truth:
         try:
             decoded: Any = deserialize_message(message.data, message_class)
             stamp_s = stamp_from_message(decoded.header.stamp)
-            # The pose of a message, with a covariance or without.
+            # The pose of a message with or without covariance.
             poses = [getattr(decoded.pose, 'pose', decoded.pose)] if robot else decoded.poses
         except Exception:  # the decoder may raise anything on damaged bytes
             reading.unreadable[message.topic] += 1
@@ -129,9 +129,9 @@ def _find_topics(
     names: Iterable[str], robots: Sequence[str], recorded: Mapping[str, Sequence[str]]
 ) -> dict[str, str]:
     """
-    Return the robots of the topics of a ground truth; empty for all robots.
+    Return the robot of each topic of a ground truth; empty for all robots.
 
-    A name with `{robot}` stands for the pose of one robot each.
+    A name with `{robot}` means one topic for each robot.
     """
     found: dict[str, str] = {}
     for name in names:
@@ -154,10 +154,10 @@ def _find_topics(
 
 def read_table(path: Path, robots: Sequence[str], dimension: int, poses: Poses) -> list[str]:
     """
-    Add a ground truth in text to some poses, and return what there is to say of it.
+    Add a ground truth in a text file to `poses`, and return remarks on it.
 
-    A table of one robot needs no names of robots; other names are passed over. In space z has to
-    be known, and a yaw alone is no orientation.
+    A table of one robot needs no names of robots; unknown names are skipped. In space z must be
+    given, and a yaw alone is no orientation.
 
     Raises
     ------
@@ -196,7 +196,7 @@ def read_table(path: Path, robots: Sequence[str], dimension: int, poses: Poses) 
 
 
 def read_columns(path: Path) -> tuple[Sequence[str], list[tuple[int, dict[str, str]]]]:
-    """Return the names of the columns of a table, and each line by these with its number."""
+    """Return the names of the columns of a table, and the numbered lines as dicts by these."""
     try:
         text = path.read_text(encoding='utf-8-sig')
     except (OSError, UnicodeDecodeError) as error:
@@ -210,10 +210,10 @@ def read_columns(path: Path) -> tuple[Sequence[str], list[tuple[int, dict[str, s
     for number, line in lines:
         cells = [cell.strip(' "') for cell in line.lstrip('#').split(mark)]
         if mark == ';':
-            # Commas may part the decimals then.
+            # With another separator, commas may be decimal points.
             cells = [cell.replace(',', '.') for cell in cells]
         is_data = cells[:1] and cells[0][:1] in '+-.0123456789n' and cells[0] != 'name'
-        # A comment may name the columns, as that of a file of TUM does.
+        # A comment may name the columns, as in files in TUM format.
         if not rows and not is_named and not is_data:
             names = [SYNONYMS.get(cell.lower(), cell.lower()) for cell in cells]
             is_named = line[0] != '#'
@@ -227,7 +227,7 @@ def read_columns(path: Path) -> tuple[Sequence[str], list[tuple[int, dict[str, s
 
 
 def _pose_of(row: dict[str, str], dimension: int) -> tuple[float, Any, Any]:
-    """Return stamp, position and quaternion of one row; ValueError where one is wrong."""
+    """Return stamp, position and quaternion of one row; raise ValueError if one is wrong."""
     flat = '0' if dimension == 2 else ''
     stamp, x, y = (float(row[name]) for name in ('stamp', 'x', 'y'))
     z = float(row.get('z') or flat)
@@ -244,7 +244,7 @@ def _pose_of(row: dict[str, str], dimension: int) -> tuple[float, Any, Any]:
 
 
 def apart_text(truth_s: Sequence[float], others_s: Sequence[float], what: str) -> str:
-    """Return how the stamps of a ground truth and of something else miss each other, if so."""
+    """Return a sentence if the stamps of a ground truth and other stamps do not overlap."""
     if not (len(truth_s) and len(others_s)):
         return ''
     first_s, last_s = min(truth_s), max(truth_s)

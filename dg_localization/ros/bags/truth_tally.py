@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The answers of a bag beside a ground truth: counted tick by tick, and summed up at the end."""
+"""Comparison of the answers of a bag with a ground truth: counts per tick and their sums."""
 
 from collections import defaultdict
 
@@ -16,7 +16,7 @@ from dg_localization.solver.result import Verdict
 COUNTS = ('compared', 'held', 'infeasible', 'unlisted', 'uncompared')
 
 OF_TRUTH = FixedFrame(FrameKind.ANCHORS, ())
-"""The frame of the truth itself."""
+"""The frame of the truth."""
 
 
 class TruthTally:
@@ -26,12 +26,12 @@ class TruthTally:
     Attributes
     ----------
     counts : dict of str to int
-        Answers with placements, or with a proof that there is none: `compared` where the truth
-        is known at their time, `uncompared` where not. Of those compared, `held` contain the
+        Numbers of answers with placements, or with a proof that there is none: `compared` if the
+        truth is known at their time, else `uncompared`. Of the compared ones, `held` contain the
         truth, `infeasible` have no placement, and in `unlisted` no listed placement contains the
         truth while some are not listed.
     misses : Runs
-        The others: the robots that the nearest hypothesis does not hold.
+        The other compared answers: the robots that the nearest hypothesis does not hold.
 
     """
 
@@ -47,11 +47,11 @@ class TruthTally:
         self._beyond, self._n_deviations = 0, 0
 
     def add(self, estimate: Estimate, snapshot: Snapshot, time_s: float) -> None:
-        """Compare an answer to a snapshot with the truth, for a time from the start of the bag."""
+        """Compare an answer to a snapshot with the truth, at a time from the start of the bag."""
         self._ticks += 1
         self._answers_s = [*self._answers_s[:1], snapshot.stamp_s]
         if estimate.verdict is Verdict.INFEASIBLE:
-            # A proof that no placement agrees is refuted where the truth is known.
+            # A known truth refutes a proof that no placement agrees.
             is_known = self._truth.beside(OF_TRUTH, snapshot).tells
             self.counts['compared'] += is_known
             self.counts['infeasible'] += is_known
@@ -68,7 +68,7 @@ class TruthTally:
             self.counts['uncompared'] += bool(placed)
             return
         self.counts['compared'] += 1
-        # One that is not listed may hold what the listed ones of its answer miss.
+        # An unlisted placement may hold robots that the listed ones miss.
         missed = tuple(
             robot
             for answer, robots in compared
@@ -82,7 +82,7 @@ class TruthTally:
             self.counts['unlisted' if misses else 'held'] += 1
 
     def _missed_by(self, answer: Estimate | Group, snapshot: Snapshot) -> tuple[str, ...] | None:
-        """Return the robots outside the placement nearest to the truth, None if it is open."""
+        """Return the robots outside the placement nearest to the truth; None if it is open."""
         assert answer.frame is not None, 'an answer with placements has a frame'
         truth = self._truth.beside(answer.frame, snapshot)
         if not truth.tells:
@@ -99,7 +99,7 @@ class TruthTally:
         return tuple(np.array(self._robots)[truth.outside(chosen)].tolist())
 
     def _add_deviations(self, placement: Placement, truth: TruePlacement) -> None:
-        """Compare how far a placement is off with the covariance that it states."""
+        """Compare the errors of a placement with its stated covariance."""
         if placement.covariances is None:
             return
         dimension = self._truth.fleet.dimension
@@ -119,7 +119,7 @@ class TruthTally:
                 self._nees.append(float(error_m @ np.linalg.pinv(stated) @ error_m) / dimension)
 
     def tree(self) -> Tree:
-        """Return what was counted, and how far best points and headings are off."""
+        """Return the counts, and the errors of best points and headings."""
         errors: Tree = {robot: {} for robot in self._robots}
         for (robot, name), found in self._errors.items():
             median, high = np.percentile(found, [50.0, 95.0]).tolist()
@@ -141,7 +141,7 @@ class TruthTally:
 
 
 def _distance_of(placement: Placement, truth: TruePlacement) -> tuple[int, float]:
-    """Return how far a placement is from the truth: the robots outside of it, then meters."""
+    """Return the distance of a placement from the truth: robots outside of it, then meters."""
     errors_m = truth.point_errors_m(placement)
     worst_m = float(np.max(errors_m, initial=0.0, where=np.isfinite(errors_m)))
     return int(np.count_nonzero(truth.outside(placement))), worst_m

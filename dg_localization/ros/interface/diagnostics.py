@@ -21,16 +21,16 @@ from msg_adapters import Level, Status
 
 # Diagnostics list the first few only; the topics hold everything.
 LISTED = 8
-# A smaller fraction of the wanted rate is worth a warning.
+# A smaller fraction of the wanted rate gives a warning.
 TOLERATED_RATE = 0.9
-# A sensor is named that was among the suspects this often, and in half of all contradictions.
+# A sensor is reported if it was a suspect this often, and in half of all contradictions.
 LEAST_OFFENCES = 3
 
 LOCALIZED = Level.OK, 'localized: one hypothesis'
 
 
 def listed(texts: Iterable[object]) -> str:
-    """Return the first of some texts, and how many there are besides."""
+    """Return the first of some texts, and the number of the others."""
     first = [*map(str, texts)]
     more = len(first) - LISTED
     return f'{", ".join(first[:LISTED])}{f" and {more} more" if more > 0 else ""}'
@@ -39,7 +39,7 @@ def listed(texts: Iterable[object]) -> str:
 @dataclass(frozen=True)
 class Report:
     """
-    Everything that the diagnostics are made from.
+    The inputs of the diagnostics.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class Report:
 
     @property
     def late(self) -> str:
-        """Why the estimate is too old to be relied on; empty when it is not."""
+        """Why the estimate is too old to be used; empty if it is not."""
         age_s = 0.0 if self.estimate is None else self.now_s - self.estimate.stamp_s
         most_s = self.settings.lifetime_s
         if age_s <= most_s:
@@ -104,7 +104,7 @@ def robots_of(key: LinkKey) -> set[str]:
 
 
 def statuses(report: Report) -> tuple[Status, ...]:
-    """Return the status of the fleet, of each robot, and of each input worth one."""
+    """Return the status of the fleet, of each robot, and of each relevant input."""
     return (
         _fleet_status(report),
         *(_robot_status(report, row) for row in range(len(report.settings.fleet.robots))),
@@ -131,7 +131,7 @@ def _fleet_status(report: Report) -> Status:
 
 
 def _fleet_warnings(report: Report) -> Iterator[str]:
-    """Yield what an operator must know beside the state of the fleet."""
+    """Yield warnings for the operator beside the state of the fleet."""
     rate_hz, wanted_hz = report.rate_hz, report.settings.rate_hz
     if rate_hz is not None and rate_hz < TOLERATED_RATE * wanted_hz:
         yield f'localizes at {rate_hz:.2g} Hz, not at the {wanted_hz:g} Hz of `rate`'
@@ -174,7 +174,7 @@ def _too_wide(report: Report, estimate: Estimate, rows: Iterable[int]) -> Iterat
     if estimate.n_hypotheses != 1:
         return
     enclosures = estimate.placements[0].enclosure_m[list(rows)]
-    # A robot that is not connected has a warning of its own.
+    # Robots that are not connected have their own warning.
     widths = [float(np.ptp(box, axis=0).max()) for box in enclosures if np.isfinite(box).all()]
     width_m = max(widths, default=0.0)
     if width_m > report.settings.localized_width_m:
@@ -344,10 +344,10 @@ CONTRADICTS = Level.ERROR, 'contradicts other measurements'
 
 def _input_statuses(report: Report) -> Iterator[Status]:
     """
-    Yield a status for each input that was named one by one or has ever delivered.
+    Yield a status for each explicit input and each that has ever delivered.
 
-    Others come by the templates, and their topics may exist without any publisher. The peers of an
-    input have one status together, and each of them has its own.
+    Other inputs come from templates, and their topics may exist without a publisher. The peers of
+    an input have one common status, and each of them has its own.
     """
     contradicting = set[LinkKey]()
     if report.estimate is not None:
@@ -398,7 +398,7 @@ def _without_topic(report: Report) -> dict[str, dict[LinkKey, InputState]]:
 
 
 def _joined(key: LinkKey, states: Sequence[InputState]) -> InputState:
-    """Return the states of several inputs as one."""
+    """Return the joined state of several inputs."""
     newest = min(states, key=attrgetter('age_s'))
     rejected = sum((Counter(state.rejected) for state in states), Counter())
     accepted = sum(state.accepted for state in states)
@@ -429,7 +429,7 @@ def _status(
     report: Report, name: str, link: Link, found: tuple[Level, str], state: InputState | None
 ) -> Status:
     """
-    Return a status, with the types that others have on the topic.
+    Return a status, with the types of other endpoints of the topic.
 
     Messages that could not be read count for the topic, not for its peers.
     """

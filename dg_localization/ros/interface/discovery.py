@@ -27,16 +27,16 @@ FIELD = re.compile(r'{(.*?)}')
 @dataclass(frozen=True)
 class Template:
     """
-    A way to name the topics of one kind of measurement.
+    A template for the names of the topics of one kind of measurement.
 
     Attributes
     ----------
     text : str
         The topic with the names of `fields` in braces.
     kind : LinkKind
-        What the topics measure.
+        The kind of measurement.
     overrides : mapping of str to float
-        Those of its links.
+        The overrides of its links.
 
     """
 
@@ -46,12 +46,12 @@ class Template:
 
     @property
     def fields(self) -> tuple[str, ...]:
-        """What must stand in braces."""
+        """The names that must stand in braces."""
         return KINDS[self.kind].fields
 
     def check(self) -> None:
         """Raise ValueError unless the text holds each of `fields` once."""
-        # A format, as in {robot:>9}, is no part of a name, and may ask for any length.
+        # A format, as in {robot:>9}, is not allowed: it may ask for any length.
         if sorted(FIELD.findall(self.text)) != sorted(self.fields):
             wanted = ' and '.join(f'{{{name}}}' for name in self.fields)
             raise ValueError(f'it must hold {wanted} once, nothing else in braces, or be empty')
@@ -77,18 +77,18 @@ class Template:
                 )
 
     def resolved(self, resolve: Callable[[str], str]) -> 'Template':
-        """Return the template with the full name, by a function from topics to full names."""
+        """Return the template with its full name, by a function that resolves topics."""
         # Braces are not allowed in the name of a topic.
         text = resolve(FIELD.sub(r'FIELD_\1_FIELD', self.text))
         return replace(self, text=re.sub(r'FIELD_(\w+?)_FIELD', r'{\1}', text))
 
     def link_of(self, topic: str, points: Iterable[str]) -> Link | None:
         """
-        Return the link that a topic of this name carries, None when it carries none.
+        Return the link of a topic with this name; None if the template does not match.
 
-        Names of the fleet are looked for first, so that `/uwb/robot_1_robot_2` is understood. A
-        topic of one point of the fleet and one stranger is a link too: its readings are counted
-        and rejected, so that the diagnostics name a misspelled or forgotten robot.
+        Names of the fleet are tried first, so that `/uwb/robot_1_robot_2` is understood. A topic
+        of one point of the fleet and an unknown name is a link too: its readings are counted and
+        rejected, so that the diagnostics name a misspelled or forgotten robot.
         """
         known = '|'.join(re.escape(point) for point in points)
         ends = [(known, known), (known, ANY_NAME), (ANY_NAME, known)]
@@ -112,7 +112,7 @@ class Template:
 def templates_from(
     values: Mapping[str, Any], resolve: Callable[[str], str], points: Sequence[str]
 ) -> tuple[Template, ...]:
-    """Return the templates, with the full names of their topics; each has topics of its own."""
+    """Return the templates with full names of topics; refuse two with the same topics."""
     found: dict[str, Template] = {}
     for kind in (kind for kind, one in KINDS.items() if one.template_type):
         name = f'{kind}.topic'
@@ -134,15 +134,14 @@ def templates_from(
 
 class TopicFinder:
     """
-    Finds inputs among topics; each is found once.
+    Finds inputs among topics, each of them once.
 
     Parameters
     ----------
     templates : iterable of Template
-        What topics are named like.
+        Templates of the names of topics.
     explicit : iterable of Link
-        The links named one by one, which replace what the templates give for the same
-        measurement.
+        Explicit links, which replace links from templates for the same measurement.
     points : iterable of str
         Robots and landmarks of the fleet.
 
@@ -170,7 +169,7 @@ class TopicFinder:
         self.passed_over: list[Link] = []
 
     def find(self, topics: Iterable[tuple[str, list[str]]]) -> Iterator[Link]:
-        """Yield the links that were not found before among all topics, with their types."""
+        """Yield the links of topics that were not found before; `topics` come with their types."""
         self.wrong_types, self.passed_over = {}, []
         known, self._link_of = self._link_of, {}
         for topic, type_names in topics:
@@ -188,20 +187,20 @@ class TopicFinder:
             if others and not is_unknown:
                 self.wrong_types[link] = others
             if link.type_name in type_names and topic not in self._found:
-                # Every name is kept in the counts, so there is a limit to strangers.
+                # Every name is kept in the counts, so unknown names are limited.
                 self._n_unknown += is_unknown
                 if not is_unknown or self._n_unknown <= max(STRANGERS, len(self._points)):
                     self._found.add(topic)
                     yield link
 
     def _link_named(self, topic: str) -> Link | None:
-        """Return the link that a topic of this name carries, None when it carries none."""
+        """Return the link of a topic with this name; None if no template matches."""
         if topic in self._explicit:
             return self._explicit[topic]
         links = (template.link_of(topic, self._points) for template in self._templates)
         found = [link for link in links if link is not None]
         wanted = [link for link in found if link.key not in self._replaced]
-        # `{observer}/{target}` takes `robot_1/odom` for a range to an unknown name.
+        # `{observer}/{target}` also matches `robot_1/odom`, as a range to an unknown name.
         return min(wanted or found, key=self._is_unknown, default=None)
 
     def _is_unknown(self, link: Link) -> bool:

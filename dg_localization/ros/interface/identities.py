@@ -51,12 +51,12 @@ def ids_from(values: Mapping[str, Any], points: Sequence[str]) -> dict[str, str]
 
 class Identities:
     """
-    The names that ids stand for, by a table; a name of the fleet stands for itself.
+    The names of ids by a table; a name of the fleet is its own id.
 
     Parameters
     ----------
     table : mapping of str to str
-        What `parse_ids` returned.
+        The result of `parse_ids`.
     points : iterable of str
         Robots and landmarks of the fleet.
 
@@ -64,7 +64,7 @@ class Identities:
 
     def __init__(self, table: Mapping[str, str], points: Iterable[str]) -> None:
         self._names = {point: point for point in points}
-        # Every name is kept, so there is a limit to strangers.
+        # Every name is kept, so unknown names are limited.
         self._most_unknown = max(STRANGERS, len(self._names))
         self._names |= table
         self._unknown: set[str] = set()
@@ -92,7 +92,7 @@ class Identities:
                 yield row, name
 
     def _unknown_name(self, target_id: str) -> str:
-        """Return a name for an id that is in no table, so that it is counted and shown."""
+        """Return a name for an id that is not in the table, so that it is counted and shown."""
         if len(self._unknown) < self._most_unknown:
             self._unknown.add(target_id)
         if target_id not in self._unknown:
@@ -133,7 +133,7 @@ class Cameras:
         return reading.seen_by(camera)
 
     def states(self, now_s: float) -> Iterator[InputState]:
-        """Yield what has arrived on the topics of cameras; a matrix does not age."""
+        """Yield the states of the camera topics; a matrix does not age."""
         for key, (count, stamp_s) in self._arrivals.items():
             age_s = max(0.0, now_s - stamp_s)
             yield InputState(key, count, {}, '', age_s, in_use=True)

@@ -4,9 +4,9 @@
 """
 From the bytes of messages to the ROS-free `Localizer`.
 
-Any node on the network may send anything, and an adapter may be that of a user. So the length of
-a message is checked before it is decoded, its number of rows before it is used, and every failure
-on the way is counted and never raised.
+Any node on the network may send anything, and users may add adapters. So the length of a message
+is checked before it is decoded and its number of rows before it is used. Every failure is counted
+and never raised.
 """
 
 from collections import deque
@@ -38,14 +38,14 @@ from msg_adapters import (
     adapter_for,
 )
 
-# A message of one reading has some 100 bytes, one of odometry some 700. Decoding takes time that
-# grows with the length: this much takes a few milliseconds in the worst case.
+# A message of one reading has about 100 bytes, one of odometry about 700. Decoding time grows with
+# the length: this length takes a few milliseconds in the worst case.
 MOST_BYTES = 32_768
-# More for the peers: a row of all columns in double precision has 36 bytes, and may be padded.
+# Further bytes per row of peers: all columns in double precision have 36 bytes, plus padding.
 MOST_BYTES_PER_ROW = 128
-# The range of a peer and the ray to it may come in a row each.
+# The range of a peer and the ray to it may be in separate rows.
 ROWS_PER_POINT = 2
-# What a sensor or a stranger sends may be quoted, and diagnostics are recorded for days.
+# Diagnostics may quote a sensor or an unknown node, and are recorded for days.
 MOST_CHARACTERS = 300
 # The last field of sensor_msgs/Range, in single precision.
 VARIANCE_BYTES = 4
@@ -69,7 +69,7 @@ def shortened(text: str) -> str:
 
 @dataclass(frozen=True)
 class Malformed:
-    """How many messages of a topic could not be read, what was wrong with the last, and when."""
+    """The number of unreadable messages of a topic, and the error and time of the last one."""
 
     count: int
     last: str
@@ -81,7 +81,7 @@ NONE_MALFORMED = Malformed(0, '')
 
 class Intake:
     """
-    Passes readings of messages on to a localizer, and counts messages that cannot be read.
+    Passes readings from messages to a localizer, and counts messages that cannot be read.
 
     Parameters
     ----------
@@ -96,9 +96,9 @@ class Intake:
     Attributes
     ----------
     malformed : dict of str to Malformed
-        By topic, the messages that could not be read.
+        The messages that could not be read, by topic.
     bodies : dict of str to str
-        By robot, the name of its body frame in its odometry.
+        The name of the body frame of each robot in its odometry.
 
     """
 
@@ -127,7 +127,7 @@ class Intake:
         """
         Take one serialized message; it never raises.
 
-        Return why a message that could be read was not taken, None where it was or could not be.
+        Return the rejection of a readable message; None if it was accepted or unreadable.
         """
         try:
             reading = self._read(link, data)
@@ -148,7 +148,7 @@ class Intake:
             return None
 
     def _read(self, link: Link, data: bytes) -> Any:
-        """Return the reading of a message; raise any exception if the message is wrong."""
+        """Return the reading of a message; a wrong message may raise any exception."""
         if len(data) > self._most_bytes:
             raise ValueError(
                 f'the message has {len(data)} bytes, for this fleet at most {self._most_bytes} '
@@ -169,7 +169,7 @@ class Intake:
         return reading
 
     def _add(self, link: Link, reading: Any, stamp_s: float, now_s: float) -> Rejection | None:
-        """Give a reading to the localizer, or keep the matrix of a camera."""
+        """Pass a reading to the localizer, or keep the matrix of a camera."""
         localizer, key, when = self._localizer, link.key, (stamp_s, now_s)
         bounds = self._bounds_of(link, localizer.config.sensor_bounds)
         match reading:
@@ -199,7 +199,7 @@ class Intake:
         for (_, name), range_m, ray_xyz, has_ray in zip(
             rows, ranges_m, rays_xyz, has_rays, strict=True
         ):
-            # A row without any reading counts as a range that is none.
+            # A row without a reading counts as a range of NaN.
             if not ((has_ray or has_others) and math.isnan(range_m)):
                 readings.append((name, range_m))
             if has_ray:
@@ -227,7 +227,7 @@ class Intake:
         return observer, rows
 
     def _differences(self, reading: PeersReading) -> Iterator[PeerMeasurement]:
-        """Yield two points and by how much the second is farther away, where that is measured."""
+        """Yield two points and their range difference, for each row that has one."""
         if reading.references is None or reading.differences_m is None:
             return
         columns = (reading.references, reading.peers, reading.differences_m)
@@ -236,17 +236,17 @@ class Intake:
                 yield (self._name_of(first), self._name_of(second)), difference_m
 
     def _name_of(self, peer: int) -> str:
-        """Return the name of a peer, one for all strangers: every name is kept."""
+        """Return the name of a peer; unknown ones share a name, since every name is kept."""
         points = self._localizer.config.points
         return points[peer] if 0 <= peer < len(points) else f'peer beyond {len(points) - 1}'
 
     def forget(self) -> None:
-        """Forget what could not be read; the matrix of a camera stays."""
+        """Forget unreadable messages; camera matrices are kept."""
         self._counts.clear()
         self.malformed.clear()
 
     def rejecting(self, now_s: float) -> dict[LinkKey, str]:
-        """Return the inputs that have rejected most of their readings lately, and why."""
+        """Return the inputs that rejected most of their recent readings, with the reasons."""
         states = self._localizer.input_states(now_s)
         counts = {state.key: (state.accepted, _harmful(state)) for state in states}
         while len(self._counts) > 1 and now_s - self._counts[1][0] > REJECTING_S:
@@ -267,13 +267,13 @@ class Intake:
         return found
 
     def states(self, now_s: float) -> dict[LinkKey, InputState]:
-        """Return what has arrived, by input."""
+        """Return the states of all inputs."""
         states = (*self._localizer.input_states(now_s), *self._cameras.states(now_s))
         return {state.key: state for state in states}
 
 
 def _harmful(state: InputState) -> int:
-    """Return how many readings were rejected because something is wrong."""
+    """Return the number of rejections that show a fault."""
     return sum(count for reason, count in state.rejected.items() if reason not in HARMLESS)
 
 

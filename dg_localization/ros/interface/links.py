@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Links: which topic carries the measurements of which observer and target."""
+"""Links: topics with the observer and the target of their measurements."""
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -35,18 +35,18 @@ from msg_adapters import (
     known_types,
 )
 
-# Their messages never say who measured.
+# Messages of these readings never name the observer.
 NAMELESS = {PeersReading, PixelReading}
 
-# Stands for the observer in a link whose messages say who measured.
+# The observer of a link whose messages name their observer.
 ANY_OBSERVER = '*'
-# How many topics and ids of unknown points are counted; more if the fleet has more points.
+# Most topics and ids of unknown points that are counted; more if the fleet has more points.
 STRANGERS = 16
 ANY_NAME = '[A-Za-z][A-Za-z0-9_]*'
 
-# How the sensor of peers is turned in the body of its robot.
+# The orientation of the sensor of peers in the body frame of its robot.
 TURNS = ('roll', 'pitch', 'yaw')
-# What a link string may override, by what the link measures.
+# The fields that a link string may override, by kind of measurement.
 RANGE_FIELDS = fields_of(RangeErrorModel, 'range.')
 del RANGE_FIELDS['beyond_max_is_far']
 RANGE_BOUNDS = tuple(name for name in RANGE_FIELDS if not name.startswith('expected_error'))
@@ -54,7 +54,7 @@ BEARING_FIELDS = {
     name.removeprefix('bearing.'): field for name, field in fields_of(SensorBounds).items()
 }
 ELEVATION_FIELDS = fields_of(ElevationErrorModel, 'elevation.')
-# Peers may be ranges, too, which have bounds of these names.
+# Peers may also be ranges, whose bounds have the same names: hence the prefix.
 DIFFERENCE_FIELDS = {
     f'difference_{name}': field
     for name, field in fields_of(DifferenceErrorModel, 'range_difference.').items()
@@ -80,7 +80,7 @@ class InputKind(NamedTuple):
 
     @property
     def overrides(self) -> tuple[str, ...]:
-        """What a link may state of its own."""
+        """The overrides that a link may state."""
         return (*self.bounds, STAMP_OFFSET) if self.template_type else ()
 
 
@@ -115,12 +115,12 @@ class Link:
     type_name : str
         Its message type, one that has an adapter.
     key : LinkKey
-        What is measured, the observer and the target, which are never taken from a `frame_id`.
+        The kind, the observer and the target, which are never taken from a `frame_id`.
     explicit : bool
-        Whether it was named one by one, so that its silence is worth a warning.
+        Whether it was named explicitly, so that its silence gives a warning.
     overrides : mapping of str to float
-        Error bounds that differ from the fleet's, by their name without the prefix; what is added
-        to stamps; for peers, how their sensor is turned.
+        Error bounds that replace those of the fleet, by name without the prefix; the offset of
+        stamps; for peers, the orientation of their sensor.
 
     """
 
@@ -132,11 +132,11 @@ class Link:
 
     @property
     def stamp_offset_s(self) -> float:
-        """What is added to the stamps of the messages."""
+        """The offset to add to the stamps of the messages."""
         return self.overrides.get(STAMP_OFFSET, 0.0)
 
     def bounds_within(self, of_all: SensorBounds) -> SensorBounds:
-        """Return the error bounds of the link, those of the fleet where it states none."""
+        """Return the error bounds of the link; those that it does not state are of the fleet."""
         kind, stated = self.key.kind, dict[str, Any]()
         if kind in (LinkKind.BEARING, LinkKind.PEERS):
             stated |= self._stated(BEARING_FIELDS)
@@ -163,10 +163,10 @@ def parse_link(text: str) -> Link:
     """
     Read a link from its string: ``TOPIC TYPE OBSERVER [TARGET] [NAME=VALUE ...]``.
 
-    Odometry, elevations, peers and cameras have no target; the observer of peers is ``*`` where
-    their messages say who measured. For example
-    ``/uwb_3/to_4 sensor_msgs/msg/Range robot_3 robot_4 max_error=1.2``. ValueError
-    says which part is missing or wrong, and what would be right.
+    Odometry, elevations, peers and cameras have no target; the observer of peers is ``*`` if their
+    messages name it. An example is
+    ``/uwb_3/to_4 sensor_msgs/msg/Range robot_3 robot_4 max_error=1.2``. ValueError says which part
+    is missing or wrong, and what would be right.
     """
     words = text.split()
     names = [word for word in words if '=' not in word]
@@ -195,13 +195,13 @@ def parse_link(text: str) -> Link:
 
 
 def kind_of(type_name: str) -> LinkKind:
-    """Return what messages of a type measure; raise ValueError where they are no input."""
+    """Return the kind of messages of a type; raise ValueError if they are no input."""
     inputs = [name for name in known_types() if adapter_for(name).value_class in KIND_OF_VALUE]
     if type_name not in inputs:
         hint = close_name(type_name, inputs) or f'; it must be one of {", ".join(inputs)}'
         raise ValueError(f"type '{type_name}' is no input{hint}")
     adapter = adapter_for(type_name)
-    # It raises where the package is not installed.
+    # This raises if the package is not installed.
     adapter.message_class()
     return KIND_OF_VALUE[adapter.value_class]
 
@@ -239,7 +239,7 @@ def stated_offset(values: Mapping[str, Any], kind: LinkKind) -> dict[str, float]
 
 
 def links_from(values: Mapping[str, Any], resolve: Callable[[str], str]) -> tuple[Link, ...]:
-    """Return the links that are named one by one, with the full names of their topics."""
+    """Return the explicit links with the full names of their topics."""
     links = []
     # A list of one empty string is how ROS 1 and 2 users write an empty list of strings.
     for text in filter(None, values['links']):
@@ -247,7 +247,7 @@ def links_from(values: Mapping[str, Any], resolve: Callable[[str], str]) -> tupl
             link = parse_link(text)
             topic = resolve(link.topic)
             if resolve(topic) != topic:
-                # A subscription to it would be remapped once more.
+                # A subscription to this topic would be remapped once more.
                 raise ValueError(
                     f"its topic is remapped to '{topic}', and that to '{resolve(topic)}': name "
                     'the topic that is meant'

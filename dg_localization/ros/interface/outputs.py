@@ -46,7 +46,7 @@ DECIMAL = re.compile(r'\d+\.\d+|\d+ of \d+')
 
 
 class Output(NamedTuple):
-    """An output topic: its name as the node knows it, its type, and how it is offered."""
+    """An output topic: its name before remapping, its type, and its QoS profile."""
 
     name: str
     message_class: type
@@ -69,7 +69,7 @@ def transform_output() -> Output:
 
 
 def estimate_outputs(robots: tuple[str, ...]) -> tuple[Output, ...]:
-    """Return every topic that `estimate_messages` has messages for."""
+    """Return every topic of `estimate_messages`."""
     return (
         Output('~/feasible_poses', PoseArray, LATCHED),
         Output('~/markers', MarkerArray, LATCHED),
@@ -82,9 +82,9 @@ def estimate_messages(estimate: Estimate, settings: Settings) -> Iterator[tuple[
     """
     Yield the serialized messages of an estimate, each with the name of its topic.
 
-    One without placements empties the pose arrays and the view, so that no old answer looks new.
-    The array of one robot is for viewers, some of which refuse an array with NaN in it: a
-    placement where its position is not known is left out.
+    Without placements the pose arrays and the view are emptied, so that no old answer looks new.
+    The array of one robot is for viewers, some of which refuse an array with NaN: placements
+    without a position of the robot are left out.
     """
     name = frame_id(estimate.frame, settings.fixed_frame)
     fleet = feasible_poses(estimate, name)
@@ -116,8 +116,8 @@ STALE_RGBA = np.array([0.6, 0.6, 0.6, 0.4])
 CONTRADICTING_RGBA = np.array([0.9, 0.1, 0.1, 1.0])
 LANDMARK_RGBA = np.array([0.8, 0.8, 0.8, 1.0])
 
-# Neighboring numbers differ by the golden angle, so that few hypotheses are told apart well. The
-# first is blue: a link is green or red by its state.
+# Hues of successive hypotheses differ by the golden angle, so that a few are easy to distinguish.
+# The first is blue, since links are green or red by state.
 FIRST_HUE = 0.58
 HUE_STEP = 0.381966
 NAME_RGBA = np.array([1.0, 1.0, 1.0, 1.0])
@@ -129,15 +129,15 @@ LOOKS = {
     'links': (Shape.LINE_LIST, LINE_WIDTH_M),
 }
 Group = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""Things of as many points each, shape (k, m, 3), and one color, or one of each."""
+"""Objects of m points each, shape (k, m, 3), and one color for all or one for each."""
 
 
 def scene(estimate: Estimate, frame_id: str, lifetime_s: float) -> MarkerScene:
     """
     Return robots, headings, names, enclosures and links of the placements.
 
-    Each placement has a color of its own; links are green, gray when stale, red when they
-    contradict others. What is not known or not bounded is left out.
+    Each placement has its own color; links are green, gray if stale, red if they contradict
+    others. Unknown and unbounded objects are left out.
     """
     rows = {name: i for i, name in enumerate((*estimate.robots, *estimate.landmarks))}
     # A link of a sensor is drawn from its robot.
@@ -173,7 +173,7 @@ def _points(placement: Placement) -> NDArray[np.float64]:
 
 
 def _marker(namespace: str, groups: list[Group]) -> Marker:
-    """Join what is known of groups of things to one marker."""
+    """Join the known objects of groups to one marker."""
     points_m, colors = [np.zeros((0, 3))], [np.zeros((0, 4))]
     for things_m, color in groups:
         is_known = np.isfinite(things_m).all(axis=(1, 2))
@@ -189,7 +189,7 @@ def _edges(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
     dimension = boxes.shape[2]
     corners = [np.array(choice) for choice in product((0, 1), repeat=dimension)]
     pairs = [pair for pair in combinations(corners, 2) if np.abs(pair[0] - pair[1]).sum() == 1]
-    # For each row, which of the two bounds it has in each coordinate.
+    # For each row, the index of its bound in each coordinate.
     bounds = np.array([corner for pair in pairs for corner in pair])
     return boxes[:, bounds, np.arange(dimension)]
 
@@ -201,7 +201,7 @@ def _link_color(link: LinkState) -> NDArray[np.float64]:
 
 
 def _names(estimate: Estimate) -> Iterator[Marker]:
-    """Yield the name of each point, once where placements have it at about the same place."""
+    """Yield the name of each point, once for all placements with about the same place."""
     names = (*estimate.robots, *estimate.landmarks)
     # Beside the point as seen from above, and above it as seen from the side.
     offset = np.array([0.0, ROBOT_DIAMETER_M, ROBOT_DIAMETER_M])
@@ -225,12 +225,12 @@ class Publishers:
     """
     The publishers of a node on some topics, which take messages, serialized or not.
 
-    They have no events: an executor looks at each of them at every wake-up.
+    They have no event callbacks: an executor would check each of them at every wake-up.
 
     Parameters
     ----------
     node : Node
-        The node they belong to.
+        The node that owns them.
     outputs : iterable of Output
 
     """
@@ -249,7 +249,7 @@ class Publishers:
             self._publishers[name].publish(message)
 
     def destroy(self) -> None:
-        """Take the topics off the graph, after what was published last has arrived."""
+        """Remove the topics from the graph after the last messages have arrived."""
         deadline_s = time.monotonic() + ACKNOWLEDGE_S
         for publisher in self._publishers.values():
             left_s = max(0.0, deadline_s - time.monotonic())
@@ -271,7 +271,7 @@ class DiagnosticsStream:
     def messages(
         self, diagnostics: Diagnostics, is_regular: bool = True
     ) -> Iterator[tuple[str, bytes]]:
-        """Yield the message, with the name of its topic, if it is to be published."""
+        """Yield the message with the name of its topic, if it is to be published."""
         before = self._last_seen
         self._last_seen = [
             (status.name, status.level, DECIMAL.sub('#', status.message))

@@ -4,8 +4,8 @@
 """
 An estimate as poses and transforms (REP-105), and the names of frames.
 
-A frame has one parent. Where a robot has odometry, that places its body in its odometry frame, so
-the estimate places the odometry frame; elsewhere it places the body.
+A frame has one parent. If a robot has odometry, that places its body in its odometry frame, so the
+estimate places the odometry frame; otherwise it places the body.
 """
 
 from bisect import bisect_left
@@ -22,15 +22,15 @@ from dg_localization.fleet.vocabulary import OdometrySample
 from msg_adapters import PoseList, UncertainPose
 from msg_adapters.poses import Transform
 
-# ROS has no unknown orientation. A zero quaternion is no rotation: viewers accept it, and no one
-# can take it for a heading.
+# ROS has no value for an unknown orientation. A zero quaternion is no rotation: viewers accept it,
+# and it cannot be mistaken for a heading.
 UNKNOWN_ORIENTATION = np.zeros(4)
 IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
-# ROS has no unknown covariance either. A filter gives no weight to a variance of this size, in
-# rad^2, whereas pi^2 would still draw its heading towards zero.
+# ROS has no value for an unknown covariance either. A filter gives no weight to a variance of this
+# size, in rad^2, whereas pi^2 would still pull its heading towards zero.
 UNKNOWN_VARIANCE_RAD2 = 1e6
-# The robot that the frame is attached to has no error there. Filters take a variance of zero for
-# certainty, and some cannot invert it: a millimeter and a milliradian are certain enough.
+# The robot that defines the frame has no error in it. Filters treat a variance of zero as certain,
+# and some cannot invert it: one millimeter and one milliradian are small enough.
 LEAST_VARIANCE = 1e-6
 
 
@@ -38,7 +38,7 @@ def feasible_poses(estimate: Estimate, frame_id: str) -> PoseList:
     """
     Return every placement one after the other: pose ``k * n + i`` is robot i in placement k.
 
-    A position that is not known is NaN; the quaternion of an unknown heading is all zeros.
+    Unknown positions are NaN; the quaternion of an unknown heading is all zeros.
     """
     n_poses = len(estimate.placements) * len(estimate.robots)
     positions = [in_space(placement.positions_m) for placement in estimate.placements]
@@ -63,11 +63,11 @@ def unique_pose(
     """
     Return the pose of a robot while exactly one hypothesis is left, else None.
 
-    Variances are not below `LEAST_VARIANCE`, which is also the variance of what the robot cannot
-    do in a plane. An unknown heading is given as the identity with `UNKNOWN_VARIANCE_RAD2`. The
-    covariance is that of least squares, for independent errors anywhere in their bounds, where
-    `least_deviation_m` states the least standard deviation of a coordinate. It is the one that the
-    bounds allow where that is None, or where the estimate has no least squares.
+    Variances are at least `LEAST_VARIANCE`, which is also the variance of coordinates fixed by the
+    plane. An unknown heading is the identity with `UNKNOWN_VARIANCE_RAD2`. If `least_deviation_m`
+    states the least standard deviation of a coordinate, the covariance is that of least squares,
+    for independent errors uniform within their bounds. If it is None, or the estimate has no least
+    squares, the covariance follows from the bounds.
     """
     if estimate.n_hypotheses != 1 or len(estimate.placements) != 1:
         return None
@@ -97,10 +97,10 @@ def unique_pose(
 
 def _enclosing(placement: Placement, robot: int) -> NDArray[np.float64]:
     """
-    Return the covariance that the bounds allow.
+    Return the greatest covariance within the bounds.
 
     Its diagonal holds the squares of the greatest distances from the pose to the sides of its
-    enclosure: the largest variance that any distribution on the enclosure can have about the pose.
+    enclosure: the largest variance of any distribution on the enclosure about the pose.
     """
     position_m = placement.positions_m[robot]
     half_widths_m = np.abs(placement.enclosure_m[robot] - position_m).max(axis=0)
@@ -120,7 +120,7 @@ SHAPE_FRAME = 'fleet'
 
 
 LONGEST_FRAME_ID = 255
-"""Longer names of others are not published, nor are those that cannot be printed."""
+"""Longer names from messages are not published, nor are unprintable ones."""
 
 
 def usable_frame_id(name: str) -> str:
@@ -130,7 +130,7 @@ def usable_frame_id(name: str) -> str:
 
 
 def check_frame_id(name: str) -> None:
-    """Raise ValueError unless `name` can be that of a frame."""
+    """Raise ValueError unless `name` can be the name of a frame."""
     if not name or ' ' in name or usable_frame_id(name) != name:
         raise ValueError(
             "it must be the name of a frame, without blanks or a slash, such as 'map'"
@@ -138,7 +138,7 @@ def check_frame_id(name: str) -> None:
 
 
 def frame_id(frame: FixedFrame | None, fixed_frame: str) -> str:
-    """Return the name of a frame, which says what it is tied to; `fixed_frame` for none."""
+    """Return the name of a frame by its kind; `fixed_frame` for None."""
     if frame is None or frame.kind == FrameKind.ANCHORS:
         return fixed_frame
     if frame.kind == FrameKind.ODOMETRY:
@@ -161,12 +161,12 @@ def transforms(
     """
     Return the transforms from the frame of the anchors to the robots of an estimate.
 
-    There are some only while one hypothesis is left, in the frame of the anchors, and for robots
-    whose heading is known: any other frame moves or drifts with a robot. A frame that more than
-    one robot calls its own is left out, since it can have one place only, and so is one that has
-    the name of the frame of the anchors. `motion` is that of the snapshot of the estimate, and
-    `bodies` has the names that it gives the frames of bodies. Before odometry that is `awaited`
-    delivers, its frame is not known, and the body must not get a second parent.
+    They exist only while one hypothesis is left, in the frame of the anchors, and for robots with
+    a known heading: any other frame moves or drifts with a robot. A frame name that several robots
+    use is left out, since a frame has only one place, and so is the name of the frame of the
+    anchors. `motion` is the motion of the snapshot, and `bodies` holds the names of body frames in
+    it. Robots whose odometry is still `awaited` are left out: their odometry frame is unknown, and
+    the body must not get a second parent.
     """
     if estimate.frame is None or estimate.frame.kind != FrameKind.ANCHORS:
         return ()
@@ -202,16 +202,16 @@ def transforms(
 
 
 CARRIED_S = 0.2
-"""How far odometry is carried on beyond its last pose, at the speed it had."""
+"""Time for which odometry is extrapolated beyond its last pose, at its last speed."""
 
 LONGEST_GAP_S = 0.5
-"""Between poses that are farther apart a robot may have been anywhere."""
+"""Poses farther apart in time are not interpolated."""
 
 
 def _body_at(
     track: Track, stamp_s: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Return position and rotation of a body in its odometry frame, None where that ends."""
+    """Return position and rotation of a body in its odometry frame; None beyond its track."""
     if len(track) < 2 or not track[0].stamp_s <= stamp_s <= track[-1].stamp_s + CARRIED_S:
         return None
     after = bisect_left(track, stamp_s, 1, len(track) - 1, key=lambda reading: reading.stamp_s)

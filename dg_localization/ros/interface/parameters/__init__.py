@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The parameters of the node: one table, from which everything about them is made.
+The parameters of the node, all defined in one table.
 
-`table` has the rows. `spec` checks and declares one of them, and `settings` turns their values
-into the settings of the node. `config/localizer.yaml` says what they mean.
+`table` has the rows. `spec` checks and declares one parameter, and `settings` converts their
+values to the settings of the node. `config/localizer.yaml` documents them.
 """

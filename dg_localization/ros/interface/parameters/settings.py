@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The settings that the parameters stand for: checked one by one, then together."""
+"""The settings of the node from its parameters: checked one by one, then together."""
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -39,17 +39,17 @@ from dg_localization.ros.interface.parameters.table import POINTS, TABLE, fields
 from dg_localization.ros.interface.poses import check_frame_id
 from dg_localization.solver.options import SolverOptions
 
-# For how many periods an answer counts as new, and for how many seconds at least.
+# The number of periods, and the least time in s, for which an answer counts as new.
 LIFETIME_PERIODS, LIFETIME_S = 3.0, 1.0
 
-# How wide the comments in a file of parameters are.
+# The width of comments in a file of parameters.
 WIDTH = 98
 
 # The form of names, by the parameter that lists them.
 NAMES = {'robots': ANY_NAME, 'anchors.names': ANY_NAME, 'elevations.names': '.*'}
 NAMES |= {'mounts.names': f'{ANY_NAME}/{ANY_NAME}'}
 
-# By field of the fleet, what parameters with a prefix state together.
+# The model and the prefix of its parameters, by field of the fleet.
 MODELS: Mapping[str, tuple[type, str]] = {
     'range_error': (RangeErrorModel, 'range.'),
     'elevation_error': (ElevationErrorModel, 'elevation.'),
@@ -66,27 +66,27 @@ class Settings:
     Attributes
     ----------
     fleet : FleetConfig
-        What the ROS-free part is told.
+        The settings of the ROS-free part.
     links : tuple of Link
-        The inputs named one by one, with the full names of their topics.
+        The explicit inputs, with the full names of their topics.
     templates : tuple of Template
-        What the topics of all others are named like, in full.
+        Templates of the full names of all other topics.
     fixed_frame : str
-        frame_id of what is published in the coordinates of the anchors.
+        The frame_id of messages in the coordinates of the anchors.
     rate_hz : float
-        How often the fleet is localized.
+        The rate of localization.
     use_header_stamp : bool
-        Whether a measurement's time is its header's, not that of its arrival.
+        Whether the time of a measurement is its header stamp, not its arrival.
     autostart : bool
         Whether to configure and activate at once.
     publish_tf : bool
         Whether to publish transforms.
     ids : mapping of str to str
-        The names that ids in messages stand for.
+        The names of ids in messages.
     localized_width_m : float
         A fleet with a wider enclosure is not called localized.
     least_deviation_m : float or None
-        Least standard deviation of a coordinate; None for covariances of the bounds.
+        Least standard deviation of a coordinate; None for covariances from the bounds.
 
     """
 
@@ -104,12 +104,12 @@ class Settings:
 
     @property
     def lifetime_s(self) -> float:
-        """How long an answer counts as new, in s."""
+        """The time for which an answer counts as new, in s."""
         return max(LIFETIME_S, LIFETIME_PERIODS / self.rate_hz)
 
 
 def declare_settings(node: Node) -> Settings:
-    """Declare every parameter of the table; raise `WrongParameterError` that names a wrong one."""
+    """Declare every parameter of the table; raise `WrongParameterError` for a wrong one."""
     values = check_values(given_values(node))
     settings = settings_from(values, node.resolve_topic_name)
     declare_missing(node, values)
@@ -117,7 +117,7 @@ def declare_settings(node: Node) -> Settings:
 
 
 def declare_missing(node: Node, values: Mapping[str, Any]) -> None:
-    """Declare the parameters that are not declared, with checked values."""
+    """Declare the parameters that are not declared yet, with checked values."""
     declare(node, {**TABLE, **dict(named_specs(values))}, values, read_only=False)
 
 
@@ -125,7 +125,7 @@ def check_values(given: Mapping[str, Any], refuses_unknown: bool = True) -> dict
     """
     Return all values, given or default; raise `WrongParameterError` for a wrong one.
 
-    Names are unknown where they are misspelled, or of a robot or another point that is not there.
+    A name is unknown if it is misspelled, or belongs to a robot or point that does not exist.
     """
     values = checked(TABLE, given)
     values |= checked(dict(named_specs(values)), given)
@@ -135,7 +135,7 @@ def check_values(given: Mapping[str, Any], refuses_unknown: bool = True) -> dict
 
 
 def _suggestion(name: str, known: Collection[str]) -> str:
-    """Return which name may be meant, or where to name a point that has parameters of its own."""
+    """Return a hint on an unknown name: a similar name, or where to list a point."""
     of_point = '.'.join([*name.split('.')[:2], ''])
     points = POINTS.get(name.partition('.')[0])
     is_new = points and not any(other.startswith(of_point) for other in known)
@@ -143,7 +143,7 @@ def _suggestion(name: str, known: Collection[str]) -> str:
 
 
 def in_root_namespace(topic: str) -> str:
-    """Return the full name of a topic of a node that has no namespace."""
+    """Return the full name of a topic of a node without namespace."""
     return topic if topic.startswith('/') else f'/{topic}'
 
 
@@ -178,7 +178,7 @@ def settings_from(
 
 
 def _check_names(values: Mapping[str, Any]) -> None:
-    """Refuse names that are there twice, or that cannot be part of topics."""
+    """Refuse names that occur twice, or that cannot be part of topics."""
     if not values['robots']:
         raise WrongParameterError(
             "parameters: robots: [] is not allowed, it must name at least one, below '/**:' and "
@@ -187,7 +187,7 @@ def _check_names(values: Mapping[str, Any]) -> None:
     for parameter, form in NAMES.items():
         with refused(f"parameter '{parameter}': "):
             for name in values[parameter]:
-                # The fleet itself sees what becomes of two robots of one name.
+                # The configuration of the fleet refuses two robots of one name.
                 if parameter != 'robots' and values[parameter].count(name) > 1:
                     raise ValueError(f"'{name}' is not allowed twice, name it once")
                 if not re.fullmatch(form, name):
@@ -216,7 +216,7 @@ def _stated(settings: Any, values: Mapping[str, Any], prefix: str = '') -> dict[
 
 
 def _own(values: Mapping[str, Any], name: str, of_all: str) -> float:
-    """Return what one robot or anchor has of its own, or else what all have."""
+    """Return the own value of a robot or anchor, or else the common value."""
     value: float = values[of_all] if values[name] < 0.0 else values[name]
     return value
 
@@ -270,7 +270,7 @@ def _mounts(values: Mapping[str, Any]) -> dict[str, dict[str, Mount]]:
 
 
 def _elevations_m(values: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
-    """Return the bounds of each elevation; topics of readings without any are refused."""
+    """Return the bounds of each elevation; refuse topics of elevations without any bounds."""
     if values['elevation.topic'] and not values['elevations.names']:
         raise WrongParameterError(
             f"parameter 'elevation.topic': '{values['elevation.topic']}' is not allowed without "
@@ -283,7 +283,7 @@ def _elevations_m(values: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
 
 
 def _odometry_errors(values: Mapping[str, Any]) -> Iterator[tuple[str, OdometryErrorModel]]:
-    """Yield the bounds of each robot, of its own or of all."""
+    """Yield the odometry bounds of each robot: its own values, else the common ones."""
     for robot in values['robots']:
         own = {
             f'odometry.{name}': _own(values, f'robot_odometry.{robot}.{name}', f'odometry.{name}')
@@ -293,7 +293,7 @@ def _odometry_errors(values: Mapping[str, Any]) -> Iterator[tuple[str, OdometryE
 
 
 def parameters_text(comments: Iterable[str], parameters: Mapping[str, Any]) -> str:
-    """Return a file of parameters of the node; sections without any are left out."""
+    """Return the text of a file of parameters; empty sections are left out."""
     lines = [
         line for text in comments for line in wrap(f'# {text}', WIDTH, subsequent_indent='#   ')
     ]
@@ -313,7 +313,7 @@ def _yaml(tree: Mapping[str, Any], indent: str) -> Iterator[str]:
 
 
 def yaml_value(value: Any) -> str:
-    """Return a value; a number is read as one with a fraction, and as the same."""
+    """Return a value as YAML; a number is written so that it is read as the same float."""
     if isinstance(value, list):
         return f'[{", ".join(map(yaml_value, value))}]'
     return np.format_float_positional(value, trim='0')

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""One parameter: its type, default, unit, limits and text, and how a node declares it."""
+"""One parameter: its type, default, unit, limits and text, and its declaration in a node."""
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -29,7 +29,7 @@ class WrongParameterError(UsageError, ValueError):
 
 @contextmanager
 def refused(beginning: str) -> Iterator[None]:
-    """Turn a `ValueError` into a `WrongParameterError` whose text has this beginning."""
+    """Convert a `ValueError` to a `WrongParameterError` whose text has this beginning."""
     try:
         yield
     except WrongParameterError:
@@ -39,8 +39,8 @@ def refused(beginning: str) -> Iterator[None]:
 
 
 def by_parameters(text: str) -> str:
-    """Return what the fleet says of its settings with the names of their parameters."""
-    # Settings have units in their names, and those of one robot or point stand in brackets.
+    """Return a message about settings of the fleet with the names of their parameters."""
+    # Settings have units in their names, and names of robots or points in brackets.
     text = re.sub(r'\[(\w+)\](?=[.:[])', r'.\1', text)
     text = re.sub(r'\bcoordinates_m\b', 'position', text)
     return re.sub(
@@ -56,18 +56,18 @@ class Spec:
     Attributes
     ----------
     default : object
-        Value when it is not given; its type is that of the parameter.
+        Value if it is not given; its type is the type of the parameter.
     description : str
-        What it is, in one phrase.
+        A description in one phrase.
     unit : str
-        Unit; empty for what has none.
+        Unit; empty if there is none.
     at_least, at_most : float
-        Limits of a number, or of each number of a list, both included; infinite for none.
+        Limits of a number, or of each number of a list, both included; infinite for no limit.
     list_of : type
         `str` or `float`, for a list of these.
     finite, may_be_nan, may_be_zero, may_be_negative : bool
-        Whether a number may not be infinite; and whether NaN, zero and negative numbers are
-        allowed beside the limits.
+        Whether a number must be finite, and whether NaN, zero and negative numbers are allowed in
+        addition to the limits.
     choices : tuple of str
         The allowed strings; empty for any.
 
@@ -87,13 +87,13 @@ class Spec:
 
     @property
     def type(self) -> Parameter.Type:
-        """The type, as ROS names it."""
+        """The ROS type."""
         if self.list_of:
             return LISTS[self.list_of]
         return Parameter.Type.from_parameter_value(self.default)
 
     def allowed(self) -> str:
-        """Return what the value may be, in words."""
+        """Return a text on the allowed values."""
         kind = LIST_TEXTS[self.list_of] if self.list_of else TYPE_TEXTS[type(self.default)]
         if type(self.default) is float and self.finite and math.isinf(self.at_most):
             kind = 'a finite number'
@@ -155,7 +155,7 @@ class Spec:
             type=self.type.value,
             read_only=read_only,
         )
-        # For ROS .nan is outside of every range, so `check` has to compare these.
+        # In ROS .nan is outside of every range, so `check` compares these values instead.
         has_more = self.list_of or self.may_be_nan or self.may_be_negative
         if has_more or math.isinf(self.at_least) and math.isinf(self.at_most):
             return descriptor
@@ -176,17 +176,17 @@ Hint = Callable[[str, Collection[str]], str]
 
 def given_values(node: Node) -> dict[str, Any]:
     """
-    Return what files and command line give for the parameters of a node that are not declared.
+    Return the values of undeclared parameters of a node from files and command line.
 
-    A check that names what is right needs them as they were given. The public way is to have them
-    declared automatically; rclpy then refuses an empty list, with an error that names nothing.
+    A check with good messages needs the values as given. The public interface is to declare them
+    automatically; rclpy then refuses an empty list, with an error that names nothing.
     """
     overrides: Mapping[str, Parameter] = node._parameter_overrides
     return {name: p.value for name, p in overrides.items() if not node.has_parameter(name)}
 
 
 def close_name(name: str, known: Iterable[str]) -> str:
-    """Return the end of a sentence on an unknown name: which one may be meant, if any."""
+    """Return the end of a sentence on an unknown name: a similar known name, if any."""
     close = get_close_matches(name, list(known), n=1)
     return f"; did you mean '{close[0]}'?" if close else ''
 
@@ -197,7 +197,7 @@ def checked(specs: Specs, given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def refuse_unknown(given: Iterable[str], known: Collection[str], hint: Hint = close_name) -> None:
-    """Raise `WrongParameterError`, with a hint, where a name that is given is not known."""
+    """Raise `WrongParameterError` with a hint if a given name is unknown."""
     for name in given:
         # rclpy declares these for /clock, /parameter_events and /rosout, which may be remapped.
         if name not in known and not name.startswith('qos_overrides.'):
@@ -209,8 +209,8 @@ def declare(node: Node, specs: Specs, values: Mapping[str, Any], read_only: bool
     for name, spec in specs.items():
         if node.has_parameter(name):
             continue
-        # rclpy infers the type from the value, and takes an empty list for a list of bytes. A
-        # type of its own can be given only to a parameter without value, which is set after.
+        # rclpy infers the type from the value, and takes an empty list for a list of bytes. An
+        # explicit type is possible only for a parameter without value, which is set afterwards.
         node.declare_parameter(name, spec.type, ignore_override=True)
         node.set_parameters([Parameter(name, spec.type, values[name])])
         node.set_descriptor(name, spec.descriptor(read_only))

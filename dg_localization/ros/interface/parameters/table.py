@@ -4,7 +4,7 @@
 """
 The parameters of the node `localizer`, in the order of `config/localizer.yaml`.
 
-That file is their documentation: each begins there with the text and the limits of its row here,
+That file is their documentation: each entry begins with the text and the limits of its row here,
 which a test compares.
 """
 
@@ -28,7 +28,7 @@ PLACE = partial(Spec, [], unit='m', at_least=-FARTHEST_M, at_most=FARTHEST_M, li
 
 
 def _topics(kind: str, template: str) -> dict[str, Spec]:
-    """Return the parameters that all kinds of inputs have."""
+    """Return the parameters common to all kinds of inputs."""
     return {
         f'{kind}.topic': Spec(template, 'template of the topics; empty for none'),
         f'{kind}.stamp_offset': Spec(
@@ -165,13 +165,13 @@ TABLE = {
     ),
 }
 
-# What makes the fleet, its inputs and its outputs; the rest changes while the node runs.
+# Parameters that define the fleet, its inputs and its outputs; others change while the node runs.
 AT_CONFIGURE = {'robots', 'dimension', 'fixed_frame', 'reference_robot', 'links', 'ids'}
 AT_CONFIGURE |= {'adapter_modules', 'autostart', 'publish_tf', 'stamp_source'}
 
 
 def takes_effect_at_once(name: str) -> bool:
-    """Return whether a change counts at once, not when the node is configured next."""
+    """Return whether a change takes effect at once, not at the next configuration."""
     of_names = name.startswith(('anchors.', 'mounts.', 'elevation.', 'elevations.'))
     return not (of_names or name in AT_CONFIGURE or name.endswith(('.topic', '.stamp_offset')))
 
@@ -188,7 +188,7 @@ OTHER_FIELDS = {
 
 
 def fields_of(settings: Any, prefix: str = '') -> dict[str, str]:
-    """Return the fields of a dataclass that parameters state, by their names without a prefix."""
+    """Return the fields of a dataclass that have parameters, by name without the prefix."""
     found = {}
     for name, spec in TABLE.items():
         field = name.removeprefix(prefix).replace('.', '_')
@@ -200,12 +200,12 @@ def fields_of(settings: Any, prefix: str = '') -> dict[str, str]:
 
 
 def own_of(name: str, whose: str) -> Spec:
-    """Return what one robot or anchor has in place of the common parameter `name`."""
+    """Return the parameter of one robot or anchor that replaces the common parameter `name`."""
     text = f'the same of this {whose}; negative for {name}'
     return replace(TABLE[name], default=-1.0, description=text, may_be_negative=True)
 
 
-# What robots, sensors, anchors and other points have of their own, by names with placeholders.
+# Parameters of single robots, sensors, anchors and other points, by names with placeholders.
 OWN = {
     'robot_max_speed.NAME': own_of('max_speed', 'robot'),
     **{
@@ -230,7 +230,7 @@ POINTS |= {name: f'{name}.names' for name in ('mounts', 'elevations', 'anchors')
 
 
 def named_specs(values: Mapping[str, Any]) -> Iterator[tuple[str, Spec]]:
-    """Yield the parameters that robots, anchors and sensors have of their own, by name."""
+    """Yield the parameters of single robots, anchors and sensors by name."""
     for name, spec in OWN.items():
         for point in values[POINTS[name.partition('.')[0]]]:
             yield re.sub('NAME|ROBOT.SENSOR', point.replace('/', '.'), name), spec
