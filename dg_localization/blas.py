@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-One thread for OpenBLAS, where NumPy is not loaded yet and the environment says nothing else.
+One thread for OpenBLAS, unless NumPy is loaded already or the environment sets another number.
 
-Matrices here have at most some hundred rows. Several threads gain little on them, and where
-another process keeps one of the threads waiting they take a hundred times as long: 120 equations
-124 ms in place of 0.8 ms.
+Matrices here have at most a few hundred rows. Several threads gain little on them, and take a
+hundred times as long if another process delays one of the threads: 124 ms instead of 0.8 ms for
+120 equations.
 """
 
 import os

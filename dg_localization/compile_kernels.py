@@ -4,8 +4,8 @@
 """
 The executable `compile_kernels`: compile the solver now, so that no first start waits for it.
 
-Everything else compiles what it misses by itself. Run this after an installation or an update, or
-when an image is built. It needs no ROS.
+All other executables compile missing kernels themselves. Run this after an installation or an
+update, or when an image is built. It needs no ROS.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ EXIT_INTERRUPTED = 130
 
 def main(arguments: list[str] | None = None) -> int:
     """
-    Compile all kernels into the cache, reporting progress; load them where they are in it.
+    Compile all kernels into the cache, with progress; load them if they are in it.
 
     Parameters
     ----------
     arguments : list of str, optional
-        Command line; that of the process by default.
+        Command line; by default that of the process.
 
     Returns
     -------
     int
-        Exit code: 0, or 1 when there is no numba or the compiled kernels cannot be kept.
+        Exit code: 0, or 1 if there is no numba or the compiled kernels cannot be kept.
 
     """
     parser = argparse.ArgumentParser(

@@ -12,8 +12,8 @@ def install_hint(package: str) -> str:
     Return the command that installs an optional Python package here.
 
     The pip of Debian and Ubuntu refuses to install beside the packages of the system (PEP 668), so
-    that outside of a virtual environment the command makes one that sees the sourced ROS. The ROS
-    of a system with numpy 1 was compiled against it: no newer one may hide it.
+    outside of a virtual environment the command makes one that sees the sourced ROS. If the ROS of
+    the system was compiled against numpy 1, a newer numpy must not hide it.
 
     Parameters
     ----------

@@ -4,9 +4,9 @@
 """
 Pure functions between ROS messages and plain values, both directions.
 
-One module per message family. Reading takes any object with the fields of the
-message, so messages decoded by rclpy and by `rosbags` both do; writing imports
-the message class when it is called. Importing this package imports no ROS.
+One module per message family. Reading accepts any object with the fields of the
+message, so messages decoded by rclpy and by `rosbags` both work; writing imports
+the message class when it is called. Importing this package does not import ROS.
 """
 
 from msg_adapters.detections import CameraReading, PixelReading

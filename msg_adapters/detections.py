@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What cameras detect: apriltag_msgs and vision_msgs arrays, and the sensor_msgs/CameraInfo for them.
+Detections of cameras: apriltag_msgs and vision_msgs arrays, and their sensor_msgs/CameraInfo.
 
-A pixel becomes a ray by the camera matrix of the rectified image, so detectors must work on that.
-Rays are given with x forward, y left and z up; an optical frame has z forward and x right
-(REP-103). The packages of detections are looked up when a message class is asked for.
+The camera matrix of the rectified image converts a pixel to a ray, so detectors must work on the
+rectified image. Rays are given with x forward, y left and z up; an optical frame has z forward and
+x right (REP-103). The packages of detections are imported when a message class is needed.
 """
 
 from dataclasses import dataclass
@@ -46,7 +46,7 @@ class CameraReading:
     focal_px : tuple of two floats
         Focal lengths in x and y, in pixels.
     center_px : tuple of two floats
-        Where the optical axis is in the image, in pixels.
+        The image point of the optical axis, in pixels.
 
     """
 
@@ -59,23 +59,23 @@ class CameraReading:
         """Return the rays of pixels of shape (k, 2), x forward, y left, z up, shape (k, 3)."""
         optical = np.ones((len(pixels_xy), 3))
         optical[:, :2] = (pixels_xy - np.array(self.center_px)) / np.array(self.focal_px)
-        with np.errstate(invalid='ignore'):  # a pixel at infinity has no ray
+        with np.errstate(invalid='ignore'):  # a pixel at infinity gives NaN
             return optical @ FROM_OPTICAL.T
 
 
 @dataclass(frozen=True, eq=False)
 class PixelReading:
     """
-    Where k others are in an image.
+    The pixels of k targets in an image.
 
     Attributes
     ----------
     stamp_s : float
         Time of the image in s.
     target_ids : tuple of str
-        Who was seen, k of them, as the detector names them.
+        The k targets, as the detector names them.
     pixels_xy : ndarray, shape (k, 2)
-        Where, in pixels.
+        Their centers in pixels.
     frame_id : str
         Optical frame of the camera.
 
@@ -95,10 +95,10 @@ class PixelReading:
 
 def camera_from_message(message: Any) -> CameraReading:
     """
-    Read a `sensor_msgs/CameraInfo`: the matrix P, or K where P is left empty.
+    Read a `sensor_msgs/CameraInfo`: the matrix P, or K if P is empty.
 
-    The message has the matrices of the full image. Binning and the region of interest turn them
-    into those of the image that was sent.
+    The message has the matrices of the full image. Binning and the region of interest convert them
+    to the matrices of the sent image.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def camera_from_message(message: Any) -> CameraReading:
     fx, _, cx, _, _, fy, cy, *_ = message.p
     if fx == 0.0:
         fx, _, cx, _, fy, cy, *_ = message.k
-    # Zero is how messages say that pixels are not binned.
+    # Zero in a message means no binning.
     bin_x, bin_y = max(1, message.binning_x), max(1, message.binning_y)
     fx, cx = fx / bin_x, (cx - message.roi.x_offset) / bin_x
     fy, cy = fy / bin_y, (cy - message.roi.y_offset) / bin_y
@@ -138,7 +138,7 @@ def camera_to_message(reading: CameraReading) -> Any:
 
 
 def _centers(message: Any, axes: str, *path: str) -> NDArray[np.float64]:
-    """Return where the detections are, by the path of fields to the point; shape (k, q)."""
+    """Return the points of the detections, shape (k, q), by the path of fields to the point."""
     points = [reduce(getattr, path, found) for found in message.detections]
     rows = [[getattr(point, axis) for axis in axes] for point in points]
     return np.reshape(np.array(rows, dtype=float), (-1, len(axes)))
@@ -166,8 +166,7 @@ def detections_3d_from_message(message: Any) -> IdentifiedReading:
     """
     Read a `vision_msgs/Detection3DArray`: the rays to the boxes, and the likeliest class.
 
-    The distances are left out: how wrong those of a camera are has nothing to do with the bounds
-    that are stated for ranges.
+    The distances are left out: the stated bounds of ranges do not apply to distances of a camera.
     """
     rays = _centers(message, 'xyz', *BOX_CENTER)
     if OPTICAL_SUFFIX in message.header.frame_id:
@@ -206,7 +205,7 @@ def detections_to_message(type_name: str, reading: PixelReading | IdentifiedRead
 
 
 def _class_of(detection: Any) -> str:
-    """Return the likeliest class of a detection, or its own id where it has no class."""
+    """Return the likeliest class of a detection, or its own id if it has no class."""
     if not detection.results:
         return str(detection.id)
     scores = [float(result.hypothesis.score) for result in detection.results]

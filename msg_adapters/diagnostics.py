@@ -14,7 +14,7 @@ TYPE_NAME = 'diagnostic_msgs/msg/DiagnosticArray'
 
 
 class Level(IntEnum):
-    """Level of a status, by the numbers of `diagnostic_msgs/DiagnosticStatus`."""
+    """Level of a status, with the numbers of `diagnostic_msgs/DiagnosticStatus`."""
 
     OK = 0
     WARN = 1
@@ -30,15 +30,15 @@ class Status:
     Attributes
     ----------
     level : Level
-        How well it is.
+        The level of its state.
     name : str
-        What it is, unique on the robot.
+        The name of the part, unique on the robot.
     message : str
         One sentence.
     hardware_id : str
         The device it belongs to.
     values : dict of str to str
-        Figures, in the order to be shown.
+        Values, in the order of display.
 
     """
 
@@ -61,7 +61,7 @@ def diagnostics_from_message(message: Any) -> Diagnostics:
     """
     Read a `diagnostic_msgs/DiagnosticArray`.
 
-    The level may be a byte string, as rclpy has it, or a number, as `rosbags` has it.
+    The level may be a byte string, as in rclpy, or a number, as in `rosbags`.
 
     Raises
     ------

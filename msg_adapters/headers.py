@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What every message family shares: headers, the pieces of geometry_msgs, and CDR.
+Common parts of all message families: headers, geometry_msgs, and CDR.
 
-CDR are the bytes of a message on the wire. Making a message of many thousand numbers field by
-field, and having it serialized, takes seconds; its arrays are numpy arrays already. The encoding
-is that of all ROS 2 middlewares (OMG CDR, little endian), with padding of zeros: equal values
-give equal bytes.
+CDR is the encoding of a message on the wire. Filling a message of many thousand numbers field by
+field and serializing it takes seconds, so arrays are written from numpy directly. The encoding is
+that of all ROS 2 middlewares (OMG CDR, little endian), padded with zeros: equal values give equal
+bytes.
 """
 
 from importlib import import_module
@@ -35,7 +35,7 @@ class CdrWriter:
         self._data = bytearray(ENCAPSULATION)
 
     def to_bytes(self) -> bytes:
-        """Return what was written."""
+        """Return the bytes written so far."""
         return bytes(self._data)
 
     def _align(self, size: int) -> None:
@@ -84,18 +84,18 @@ def stamp_from_message(stamp: Any) -> float:
     Parameters
     ----------
     stamp : builtin_interfaces.msg.Time
-        Or any object with the same fields, such as the one `rosbags` decodes to.
+        Or any object with the same fields, such as those of `rosbags`.
 
     Returns
     -------
     float
-        Seconds since the epoch of the clock; 0.0 for an empty header. Seconds below zero
-        are as the message states them: they are before any measurement that counts.
+        Seconds since the epoch of the clock; 0.0 for an empty header. Negative seconds are
+        returned as stated: they are too old for any use.
 
     Raises
     ------
     ValueError
-        If its nanoseconds make a second or more: the other seconds cannot be relied on either.
+        If its nanoseconds are a second or more: its seconds cannot be trusted either.
 
     """
     if not 0 <= stamp.nanosec < NS_PER_S:
@@ -110,7 +110,7 @@ def header_of(message: Any) -> dict[str, Any]:
 
 
 def split_time(name: str, time_s: float) -> tuple[int, int]:
-    """Return whole seconds and the nanoseconds that remain; `name` is for the error."""
+    """Return whole seconds and the remaining nanoseconds; `name` is used in the error."""
     if not abs(time_s) < float('inf'):
         raise ValueError(f'{name} {time_s} s is not finite')
     return divmod(round(time_s * NS_PER_S), NS_PER_S)

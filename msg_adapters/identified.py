@@ -2,18 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Messages of drivers that name observer and targets by ids of their own.
+Messages of drivers that name observer and targets by their own ids.
 
 - uwb_ros/RangeStamped (MILUV): one range, with the ids of both radios;
 - px4_msgs/SensorUwb (PX4): one range, with the MAC addresses of both radios as decimal numbers.
-  Its stamp counts microseconds since the flight controller started, or in ROS time where its
-  bridge synchronizes the clocks. Its angles of arrival are not read: their signs depend on how the
-  radio is mounted, which the message does not settle;
+  Its stamp counts microseconds since the flight controller started, or in ROS time if its bridge
+  synchronizes the clocks. Its angles of arrival are not read: their signs depend on the mounting
+  of the radio, which the message does not define;
 - nlink_parser/LinktrackNodeframe2, 3 and 5 (Nooploop LinkTrack), from either package that ports
   them: the ranges of one radio to all others. An id there is unique among those of a role only, so
   it is ``ROLE:ID``. Frames 3 and 5 have no header.
 
-Their packages are looked up when a message class is asked for.
+Their packages are imported when a message class is needed.
 """
 
 from collections.abc import Sequence
@@ -30,9 +30,9 @@ from msg_adapters.registry import Adapter, register
 
 class Form(NamedTuple):
     """
-    How messages of a type name their parts; an id is one number or several.
+    The names of the fields of a message type; an id is one number or several.
 
-    `row_type` is the type of their `nodes`; without any they have one range, beside the ids.
+    `row_type` is the type of its `nodes`; without `nodes` it has one range beside the ids.
     """
 
     observer: tuple[str, ...]
@@ -62,16 +62,16 @@ def _no_rays() -> NDArray[np.float64]:
 @dataclass(frozen=True, eq=False)
 class IdentifiedReading:
     """
-    What one sensor measured of k others at one time, who are named by the ids of a driver.
+    The measurements of k targets by one sensor at one time, named by the ids of a driver.
 
     Attributes
     ----------
     stamp_s : float
-        Time of measurement in s; 0.0 when the message has no stamp.
+        Time of measurement in s; 0.0 if the message has no stamp.
     observer_id : str
-        Who measured; empty where the message does not say so.
+        The observer; empty if the message does not name it.
     target_ids : tuple of str
-        Who was measured, k of them.
+        The k targets.
     ranges_m : ndarray, shape (k,)
         Distances in m, with the sentinels of REP-117; NaN is no reading.
     rays_xyz : ndarray, shape (k, 3)
@@ -101,7 +101,7 @@ class IdentifiedReading:
 
 
 def _id_of(message: Any, fields: Sequence[str]) -> str:
-    """Return an id from the numbers that make it."""
+    """Return an id composed of its numbers."""
     return ':'.join(str(int(getattr(message, name))) for name in fields)
 
 
@@ -111,7 +111,7 @@ def _set_id(message: Any, fields: Sequence[str], text: str) -> None:
 
 
 def _read(form: Form, message: Any) -> IdentifiedReading:
-    """Read a message; a time in microseconds stands for a header, and some have neither."""
+    """Read a message, with a header, a time in microseconds, or neither."""
     rows = message.nodes if form.row_type else [message]
     stamp = {'stamp_s': 1e-6 * float(getattr(message, 'timestamp', 0.0))}
     return IdentifiedReading(
@@ -123,7 +123,7 @@ def _read(form: Form, message: Any) -> IdentifiedReading:
 
 
 def _write(type_name: str, form: Form, reading: IdentifiedReading) -> Any:
-    """Write a message; raise ValueError where it has one range and there is not one target."""
+    """Write a message; raise ValueError if a message of one range has not one target."""
     message = message_class(type_name)()
     if hasattr(message, 'header'):
         message.header = header_to_message(reading.stamp_s, reading.frame_id)

@@ -19,7 +19,7 @@ ADD, DELETE_ALL = 0, 3
 
 
 class Shape(IntEnum):
-    """The marker types in use, by the numbers of `visualization_msgs/Marker`."""
+    """The marker types in use, with the numbers of `visualization_msgs/Marker`."""
 
     NONE = 0
     LINE_LIST = 5
@@ -30,7 +30,7 @@ class Shape(IntEnum):
 @dataclass(frozen=True, eq=False)
 class Marker:
     """
-    One marker of a scene, at rest in the scene's frame.
+    One marker of a scene, fixed in the frame of the scene.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Marker:
     identifier : int
         Unique within the namespace.
     shape : Shape
-        What is drawn at `points_m`.
+        The shape drawn at `points_m`.
     points_m : ndarray, shape (k, 3)
         Centers of spheres, ends of lines (two rows each), or the one place of a text, in m.
     colors_rgba : ndarray, shape (k, 4)
@@ -63,7 +63,7 @@ class Marker:
 @dataclass(frozen=True, eq=False)
 class MarkerScene:
     """
-    Everything to be shown at one time; it replaces what was shown before.
+    All markers at one time; they replace the earlier ones.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class MarkerScene:
     markers : tuple of Marker
         May be empty, which clears the view.
     lifetime_s : float
-        How long viewers show it; 0 for as long as nothing replaces it.
+        Time for which viewers show it; 0 until it is replaced.
 
     """
 
@@ -118,7 +118,7 @@ def _write_marker(
     writer.write('dd', [0.0, 0.0, 0.0, 1.0], np.full(3, marker.size_m))
     writer.write('f', marker.colors_rgba[0] if is_text else np.zeros(4))
     n_points = 0 if is_text else len(marker.points_m)
-    # The third is frame_locked.
+    # The third value is frame_locked.
     writer.write('iIBI', *split_time('lifetime', lifetime_s), False, n_points)
     writer.write('dIf', marker.points_m[:n_points], n_points, marker.colors_rgba[:n_points])
     # No texture: its resource, header, format and data; and no uv_coordinates.

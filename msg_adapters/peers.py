@@ -2,19 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-sensor_msgs/PointCloud2 <-> `PeersReading`: all that one robot measured of others, in one message.
+sensor_msgs/PointCloud2 <-> `PeersReading`: all measurements of one robot in one message.
 
-The cloud is taken as a table with a header, a row for each peer. Its columns are fields of these
-names, in any order, at any offset; other fields are passed over:
+The cloud is a table with a header and a row for each peer. Its columns are fields with these
+names, in any order, at any offset; other fields are ignored:
 
 - `peer`, an integer: which peer;
 - `range`, a float in m: its distance;
 - `x`, `y`, `z`, floats: the ray to it in the observer's body frame;
-- `reference`, an integer, and `range_difference`, a float in m: by how much the peer is farther
-  away than another one.
+- `reference`, an integer, and `range_difference`, a float in m: the distance to the peer minus the
+  distance to another peer.
 
-A cloud has `range`, or `x`, `y` and `z`, or the last two, or several of these. NaN stands for
-what was not measured.
+A cloud has `range`, or `x`, `y` and `z`, or the last two, or several of these. NaN means not
+measured.
 """
 
 from dataclasses import dataclass
@@ -36,21 +36,21 @@ COLUMNS = {'peer': INTEGERS, 'range': FLOATS, 'x': FLOATS, 'y': FLOATS, 'z': FLO
 DIFFERENCE = {'reference': INTEGERS, 'range_difference': FLOATS}
 COLUMNS |= DIFFERENCE
 
-# Of an integer and of a float as they are written: datatype and numpy type.
+# Datatype and numpy type of written integers and floats.
 UINT32, FLOAT64 = (6, '<u4'), (8, '<f8')
 
 
 @dataclass(frozen=True, eq=False)
 class PeersReading:
     """
-    What one robot measured of k peers at one time.
+    The measurements of k peers by one robot at one time.
 
     Attributes
     ----------
     stamp_s : float
-        Time of measurement in s; 0.0 when the header was left empty.
+        Time of measurement in s; 0.0 if the header was left empty.
     peers : ndarray of int64, shape (k,)
-        Index of each peer in a list that both sides know.
+        Index of each peer in a list that sender and receiver share.
     ranges_m : ndarray, shape (k,)
         Distances in m, with the sentinels of REP-117; NaN is no reading.
     rays_xyz : ndarray, shape (k, 3)
@@ -59,9 +59,9 @@ class PeersReading:
     frame_id : str
         Frame of the rays.
     references : ndarray of int64, shape (k,), or None
-        Another peer for each; None where no difference was measured.
+        The reference peer of each; None if no difference was measured.
     differences_m : ndarray, shape (k,), or None
-        The distance to the peer minus that to the other in m; NaN is no reading.
+        The distance to the peer minus the distance to its reference in m; NaN is no reading.
 
     """
 
@@ -81,7 +81,7 @@ def peers_from_message(message: Any) -> PeersReading:
     Raises
     ------
     ValueError
-        If a column is missing, has a type that is not allowed, or is not where the cloud says.
+        If a column is missing, has a type that is not allowed, or does not fit in the cloud.
 
     """
     table = _table(message)
@@ -117,7 +117,7 @@ def _table(message: Any) -> NDArray[Any]:
 
 
 def _row_type(message: Any) -> np.dtype[Any]:
-    """Return the numpy type of one point of a cloud; it refuses fields that do not fit in it."""
+    """Return the numpy type of one point of a cloud; refuse fields that do not fit in it."""
     fields = [field for field in message.fields if field.name in COLUMNS]
     names = [field.name for field in fields]
     rays = [name for name in RAY if name in names]
@@ -132,7 +132,7 @@ def _row_type(message: Any) -> np.dtype[Any]:
         if names.count(field.name) > 1:
             times = names.count(field.name)
             raise ValueError(f"field '{field.name}' is there {times} times, not once")
-        # Some writers leave the count of a single number at zero.
+        # Some publishers leave the count of a single number at zero.
         if field.datatype not in COLUMNS[field.name] or field.count > 1:
             raise ValueError(
                 f"field '{field.name}' has datatype {field.datatype} and count {field.count}, it "

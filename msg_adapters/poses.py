@@ -129,16 +129,16 @@ def uncertain_pose_from_message(message: Any) -> UncertainPose:
 @dataclass(frozen=True, eq=False)
 class Transform:
     """
-    Where a frame is in another one.
+    The pose of a frame in another frame.
 
     Attributes
     ----------
     stamp_s : float
         Time in s.
     frame_id, child_frame_id : str
-        The frame that coordinates are given in, and the one that is placed in it.
+        Parent frame and child frame.
     translation_m : ndarray, shape (3,)
-        Origin of the child.
+        Origin of the child in the parent.
     rotation_xyzw : ndarray, shape (4,)
         Quaternion from child to parent, scalar last.
 

@@ -7,7 +7,7 @@ Messages of one reading each <-> plain values.
 - sensor_msgs/Range <-> `RangeReading`, with the sentinel values of REP-117;
 - geometry_msgs/Vector3Stamped <-> `BearingReading`, a ray in the observer's body frame;
 - nav_msgs/Odometry <-> `OdometryReading`, pose only: velocities and covariances are left out;
-- geometry_msgs/PointStamped <-> `ElevationReading`, of which z alone is read.
+- geometry_msgs/PointStamped <-> `ElevationReading`, z only.
 """
 
 from dataclasses import dataclass
@@ -38,11 +38,11 @@ class RangeReading:
         Distance in m as reported. REP-117: NaN is no reading, +inf is nothing
         within `max_range_m`, -inf is closer than `min_range_m`.
     min_range_m, max_range_m : float or None
-        Limits of the sensor in m; None when the message does not give them.
+        Limits of the sensor in m; None if the message does not give them.
     variance_m2 : float or None
-        Variance in m^2; None when the message does not give it.
+        Variance in m^2; None if the message does not give it.
     frame_id : str
-        Frame of the sensor. It tells nothing about who was measured.
+        Frame of the sensor. It does not identify the target.
 
     """
 
@@ -58,8 +58,8 @@ def range_from_message(message: Any) -> RangeReading:
     """
     Read a `sensor_msgs/Range`.
 
-    Equal limits of zero and a variance of zero mean "not given", as drivers
-    that fill in nothing but the range leave them.
+    Equal limits of zero and a variance of zero mean "not given", since some
+    drivers fill in the range only.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ class BearingReading:
 
 
 def bearing_from_message(message: Any) -> BearingReading:
-    """Read a `geometry_msgs/Vector3Stamped`; the ray is passed on unchanged, even a zero one."""
+    """Read a `geometry_msgs/Vector3Stamped`; the ray is unchanged, even if it is zero."""
     return BearingReading(
         **header_of(message),
         ray_xyz=xyz_from_message(message.vector),
@@ -171,14 +171,14 @@ def odometry_to_cdr(reading: OdometryReading) -> bytes:
 @dataclass(frozen=True)
 class ElevationReading:
     """
-    One reading of how high a robot or a sensor is.
+    One reading of the elevation of a robot or a sensor.
 
     Attributes
     ----------
     stamp_s : float
         Time of measurement in s; 0.0 when the header was left empty.
     elevation_m : float
-        In m, z up (REP-103): a depth is negative.
+        Elevation in m, z up (REP-103): a depth is negative.
     frame_id : str
         Frame of the reading.
 

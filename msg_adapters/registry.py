@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Which adapter belongs to which message type; own types are added with `register`."""
+"""The registry of adapters by message type; users add their own with `register`."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ class Adapter:
     type_name : str
         Such as 'sensor_msgs/msg/Range'.
     value_class : type
-        Class of the plain values; it tells what a message is good for.
+        Class of the plain values; it determines the use of a message.
     from_message : callable
         Message to value. It may raise ValueError on a message that is no reading.
     to_message : callable
@@ -42,7 +42,7 @@ class Adapter:
 
     def message_class(self) -> type:
         """
-        Import and return the message class; nothing is imported before this is called.
+        Import and return the message class; nothing is imported before this call.
 
         Raises
         ------
@@ -84,7 +84,7 @@ def adapter_for(type_name: str) -> Adapter:
     Raises
     ------
     UnknownTypeError
-        If there is none; the message lists the types that have one.
+        If there is no adapter; the message lists the known types.
 
     """
     try:
@@ -106,7 +106,7 @@ def register_cdr(
     from_message: Callable[[Any], Any],
     to_cdr: Callable[[Any], bytes],
 ) -> Callable[[Any], Any]:
-    """Add an adapter that writes the bytes of messages; return what makes messages of values."""
+    """Add an adapter that writes serialized messages; return its `to_message`."""
 
     def to_message(value: Any) -> Any:
         from rclpy.serialization import deserialize_message

@@ -1,4 +1,4 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Error bounds learned from recorded readings, and answers beside a ground truth."""
+"""Error bounds learned from recorded readings, and comparison of answers with a ground truth."""

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Bounds that hold most of the errors that were seen.
+Bounds that hold most of the observed errors.
 
-The narrowest bounds that keep a chosen share of the readings, widened by a margin on both sides:
-what was seen is never all that can happen.
+The narrowest bounds that keep a chosen share of the readings, widened by a margin on both sides,
+since future errors may be larger.
 """
 
 from collections.abc import Iterable
@@ -20,20 +20,20 @@ from dg_localization.fleet.config import RangeErrorModel
 from dg_localization.fleet.error_models import distance_bounds_m
 
 DECIMALS = 4
-"""Of the bounds in m, in rad, and as a fraction; they are rounded outward to these."""
+"""Decimals of bounds in m, in rad, and as a fraction, which are rounded outward."""
 
 READINGS = 20
-"""Fewer readings of a link, or windows of the odometry of a robot, have no bounds of their own."""
+"""Least readings of a link, or windows of the odometry of a robot, for its own bounds."""
 
 SLOPES, STEPS = 21, 5
-"""Errors per m that are tried at a time, and how often the best one is refined."""
+"""Number of slopes (errors per m) tried at a time, and number of refinements of the best one."""
 
 WORTH_A_SLOPE = 0.9
-"""Bounds with a slope have to be narrower than others by this factor."""
+"""Bounds with a slope must be narrower than others by this factor."""
 
 
 class Columns:
-    """A table: the fields of a dataclass are arrays with a row for each of the same things."""
+    """A table: the fields of a dataclass are arrays with the same number of rows."""
 
     def chosen(self, rows: NDArray[np.bool_]) -> Self:
         """Return some of the rows."""
@@ -49,14 +49,14 @@ class Columns:
 @dataclass(frozen=True)
 class Choice:
     """
-    What bounds are to hold.
+    The requirements on bounds.
 
     Parameters
     ----------
     keep : float
-        The share of the readings that they hold at least, in (0, 1].
+        The least share of the readings that they hold, in (0, 1].
     margin : float
-        What they are widened by at each end, as a share of their width; not negative.
+        The widening at each end, as a share of their width; not negative.
 
     """
 
@@ -66,7 +66,7 @@ class Choice:
 
 @dataclass(frozen=True)
 class ErrorShape:
-    """How range errors grow with the range: by bounds that are fractions, or by a slope."""
+    """The growth of range errors with the range: bounds as fractions, or a slope."""
 
     relative: bool = False
     slope: float = 0.0
@@ -74,7 +74,7 @@ class ErrorShape:
 
 def shortest_band(values: ArrayLike, keep: float) -> tuple[float, float]:
     """
-    Return the shortest interval that holds a share of some values.
+    Return the shortest interval that holds a share of values.
 
     Parameters
     ----------
@@ -92,8 +92,8 @@ def shortest_band(values: ArrayLike, keep: float) -> tuple[float, float]:
 
 
 def n_kept(count: int, keep: float) -> int:
-    """Return how many of `count` values make up the share `keep` at least."""
-    # A share such as 0.9 of 10 must be 9, though the product is a little more.
+    """Return the least number of `count` values that is at least the share `keep`."""
+    # 0.9 of 10 must be 9, although the product in floating point is slightly more.
     return max(1, math.ceil(keep * count - 1e-9))
 
 
@@ -101,9 +101,9 @@ def fit_range(
     readings_m: ArrayLike, errors_m: ArrayLike, choice: Choice, shape: ErrorShape
 ) -> RangeErrorModel:
     """
-    Return the bounds of range errors, and the likeliest one.
+    Return the bounds of range errors, and the likeliest error.
 
-    They are constant where a fraction would be 1 or more, which no model allows.
+    They are constant if a fraction would be 1 or more, which no model allows.
 
     Parameters
     ----------
@@ -131,12 +131,12 @@ def fit_range(
 
 def shape_of(readings_m: ArrayLike, errors_m: ArrayLike, choice: Choice) -> ErrorShape:
     """
-    Return how errors grow, by which bounds are narrowest at the mean reading.
+    Return the growth of errors whose bounds are narrowest at the mean reading.
 
     Parameters
     ----------
     readings_m, errors_m : array_like, shape (n,)
-        Of as many pairs and distances as there are: a pair that keeps its distance cannot tell.
+        Readings of all pairs: a pair with a constant distance does not show the growth.
     choice : Choice
 
     """
@@ -159,15 +159,15 @@ def shape_of(readings_m: ArrayLike, errors_m: ArrayLike, choice: Choice) -> Erro
 
 
 WINDOW_S = 1.0
-"""Readings of one pair within it differ by their errors alone, once the motion is taken out."""
+"""Within this time, readings of one pair minus a steady motion differ only by their errors."""
 
 LEAST_NEIGHBORS = 2
-"""On each side of a reading."""
+"""Least neighbors on each side of a reading."""
 
 
 def residuals(stamps_s: ArrayLike, values: ArrayLike, angles: bool = False) -> NDArray[np.float64]:
     """
-    Return how far each reading is from what its neighbors in time let expect.
+    Return the residual of each reading against its neighbors in time.
 
     Parameters
     ----------
@@ -181,8 +181,8 @@ def residuals(stamps_s: ArrayLike, values: ArrayLike, angles: bool = False) -> N
     Returns
     -------
     ndarray, shape (n,)
-        The reading minus the median of as many neighbors on either side, within half a second,
-        without itself: a steady motion cancels. NaN where there are fewer than two on a side.
+        The reading minus the median of equally many neighbors on either side, within half a
+        second: a steady motion cancels. NaN if there are fewer than two on a side.
 
     """
     stamps, readings = np.asarray(stamps_s, dtype=float), np.asarray(values, dtype=float)
@@ -200,11 +200,11 @@ def residuals(stamps_s: ArrayLike, values: ArrayLike, angles: bool = False) -> N
 
 def missing_m(scatter_m: ArrayLike, half_widths_m: ArrayLike, choice: Choice) -> tuple[float, int]:
     """
-    Return by how much bounds are too narrow at each end for a scatter about an unknown bias.
+    Return the width missing from bounds at each end for a scatter about an unknown bias.
 
-    The bias is taken to be in the middle of what is kept of the scatter. The half widths are those
-    of the bounds at each reading: at a short range they may be narrower. The second value is how
-    many readings no bias brings between the wider bounds together with those kept.
+    The bias is assumed in the middle of the kept scatter. The half widths are those of the bounds
+    at each reading: at a short range they may be narrower. The second value is the number of
+    readings that no bias brings within the widened bounds together with the kept ones.
     """
     scatter, halves = np.asarray(scatter_m, dtype=float), np.asarray(half_widths_m, dtype=float)
     sizes = np.abs(scatter - np.mean(shortest_band(scatter, choice.keep)))
@@ -233,13 +233,13 @@ def fit_half_width_rad(errors_rad: ArrayLike, choice: Choice) -> float:
 
 
 def range_holds(model: RangeErrorModel, reading_m: float, distance_m: float) -> bool:
-    """Return whether a reading holds the true distance under some bounds."""
+    """Return whether the bounds of a reading hold the true distance."""
     low_m, high_m = distance_bounds_m(model, reading_m)
     return low_m <= distance_m <= high_m
 
 
 def without_turns(angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return angles less their whole turns, half a turn to either side at most."""
+    """Return angles wrapped to [-pi, pi]."""
     return np.remainder(angles_rad + np.pi, 2.0 * np.pi) - np.pi
 
 
@@ -249,6 +249,6 @@ def _widened(band: tuple[float, float], margin: float) -> tuple[float, float]:
 
 
 def rounded_outward(band: tuple[float, float]) -> tuple[float, float]:
-    """Round outward to the decimals that are printed."""
+    """Round outward to the printed decimals."""
     scale = 10.0**DECIMALS
     return math.floor(band[0] * scale) / scale, math.ceil(band[1] * scale) / scale

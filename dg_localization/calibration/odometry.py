@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The scale of odometry and the bounds of its errors, from its path beside the true one.
+The scale of odometry and the bounds of its errors, from a comparison with the true path.
 
-The turn and the way of many windows, short and long, are compared with the truth. The way is that
-of the measured steps along the true headings, so that an error of the heading does not count again
-as one of the way.
+The turn and the displacement in many windows, short and long, are compared with the truth. The
+displacement sums the measured steps along the true headings, so that an error of the heading does
+not count again as an error of translation.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -39,35 +39,35 @@ IndexArray = NDArray[np.intp]
 WINDOWS_S, EVERY_S = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 40.0), 0.5
 SHORTEST = 0.7
 """
-Windows are shorter by any share down to this: over whole periods of a clock an error in step with
-it would not be seen.
+Windows are shortened by random shares down to this: windows of whole periods of a clock would hide
+errors in step with it.
 """
 STRETCHED = 1.5
-"""A window that is this many times as long as it should be ends behind a gap of odometry."""
+"""A window longer than this multiple of its length ends after a gap of odometry."""
 
 WAY_M, TURN_RAD = 1.0, 1.0
-"""Of the longest way and the greatest turn of all windows: less tells no error per m or rad."""
+"""Least longest way and greatest turn of all windows to learn errors per m and per rad."""
 
 SLOPES = np.linspace(0.0, 1.0, 401)
-"""Errors per m or rad that are tried."""
+"""Errors per m or per rad that are tried."""
 
 
 @dataclass(frozen=True)
 class OdometryWindows(Columns):
     """
-    Windows of odometry beside the truth.
+    Windows of odometry compared with the truth.
 
     Attributes
     ----------
     begin_s, seconds : ndarray, shape (k,)
-        When they begin, and how long they are.
+        Their begin and their length.
     way_m, turn_rad : ndarray, shape (k,)
-        How far the robot went and turned along the samples.
+        Path length and total turn along the samples.
     stated_m, true_m : ndarray, shape (k, 3)
-        From where it was at their beginning to where it was at their end, by the samples along
-        true headings and in truth; in the plane their heights are zero.
+        Displacements from begin to end, by the samples along true headings and in truth; in the
+        plane their heights are zero.
     error_rad : ndarray, shape (k,)
-        Of the turn: about the vertical axis, or of the whole body.
+        Errors of the turn: about the vertical axis, or of the whole body.
 
     """
 
@@ -80,22 +80,22 @@ class OdometryWindows(Columns):
     error_rad: FloatArray
 
     def errors_m(self, scale: float) -> FloatArray:
-        """Return the errors of the ways, once they are scaled, shape (k,)."""
+        """Return the errors of the scaled displacements, shape (k,)."""
         return np.asarray(np.linalg.norm(scale * self.stated_m - self.true_m, axis=1))
 
     @property
     def tell_ways(self) -> bool:
-        """Whether the robot went far enough to tell the scale and the errors of ways."""
+        """Whether the robot went far enough to learn the scale and the errors of translation."""
         return bool(self.way_m.max() >= WAY_M)
 
     @property
     def tell_turns(self) -> bool:
-        """Whether the robot turned far enough to tell the errors of turns."""
+        """Whether the robot turned far enough to learn the errors of turns."""
         return bool(self.turn_rad.max() >= TURN_RAD)
 
 
 def n_excluded(model: OdometryErrorModel, windows: OdometryWindows) -> int:
-    """Return how many windows exceed some bounds."""
+    """Return the number of windows that exceed the bounds of a model."""
     ways_m = model.translation_scale * windows.way_m
     of_ways_m = model.translation_per_m * ways_m + model.translation_per_rad * windows.turn_rad
     of_turns_rad = model.rotation_per_m * ways_m + model.rotation_per_rad * windows.turn_rad
@@ -124,12 +124,12 @@ def odometry_windows(
         From body to odometry frame.
     truth : TrueTrack
     dimension : {2, 3}, optional
-        In the plane only headings turn, and heights, roll and pitch of the truth do not count.
-        A reported rise still counts as a part of the way, as it does in the localizer.
+        In the plane only headings turn, and heights, roll and pitch of the truth do not count. A
+        reported rise still counts as a part of the path, as in the localizer.
     upright : bool, optional
-        Whether the errors of roll and pitch are stated otherwise, so that those of turns are those
-        of headings. Steps are seen from level frames then, as by the localizer: what wrong roll
-        and pitch add to a step is an error of the way.
+        Whether errors of roll and pitch are stated separately, so that errors of turns are errors
+        of headings. Then steps are seen from level frames, as by the localizer: the effect of
+        wrong roll and pitch on a step counts as an error of translation.
 
     """
     stamps = np.asarray(stamps_s, dtype=float)
@@ -169,9 +169,9 @@ def fit_odometry(
     windows: OdometryWindows, choice: Choice, stated: OdometryErrorModel | None = None
 ) -> OdometryErrorModel:
     """
-    Return a scale of the way, and bounds, a constant and a slope for the way and for the turn.
+    Return the scale of translation, and a constant and a slope for translation and for turns.
 
-    The scale is that of least squares, or 1 where that makes the bounds of the way narrower.
+    The scale is the one of least squares, or 1 if that makes the bounds of translation narrower.
 
     Parameters
     ----------
@@ -179,8 +179,8 @@ def fit_odometry(
         At least one.
     choice : Choice
     stated : OdometryErrorModel, optional
-        Windows that tell no ways keep its scale, and its errors of ways at least. Those that tell
-        no turns keep its errors of turns at least. Without it there are none.
+        If the windows are too short to learn translation, its scale is kept and its errors of
+        translation are lower limits; likewise for turns. Without it there are no such limits.
 
     """
     stated = stated or OdometryErrorModel()
@@ -251,7 +251,7 @@ def learn_odometry(
     for robot, windows in found.items():
         model = fit_odometry(windows, choice, fleet.odometry_error_of(robot))
         notes += _texts(robot, model, windows)
-        # Errors that the file before states of one robot would be mixed with those of all.
+        # Errors stated for one robot would otherwise be mixed with the errors of all.
         if of_each:
             models[robot] = model
     together = OdometryWindows.joined(found.values())
@@ -260,7 +260,7 @@ def learn_odometry(
     for robot in filter(found.__contains__, fleet.robot_odometry_error):
         models.setdefault(robot, model)
     if others := [robot for robot in fleet.robots if robot not in found]:
-        # What was learned of others would replace what was stated of these.
+        # Bounds learned from other robots would replace the stated ones of these.
         models |= {robot: fleet.odometry_error_of(robot) for robot in others}
         notes.append(
             f'Nothing was learned of the odometry of {", ".join(others)}: it is as it was stated.'
@@ -269,7 +269,7 @@ def learn_odometry(
 
 
 def _texts(name: str, model: OdometryErrorModel, windows: OdometryWindows) -> Iterator[str]:
-    """Yield what was learned, and what was kept as stated of a robot that did not move."""
+    """Yield notes on the learned bounds, and on the stated bounds kept for a robot at rest."""
     count = len(windows.seconds)
     yield (
         f'Odometry of {name}: true ways are {model.translation_scale:.4f} times the reported '
@@ -291,7 +291,7 @@ def _texts(name: str, model: OdometryErrorModel, windows: OdometryWindows) -> It
 
 
 def _least_squares_scale(windows: OdometryWindows) -> float:
-    """Return the scale of the ways that fits best, in the decimals that are printed."""
+    """Return the best scale of translation, in the printed decimals."""
     squares_m2 = float(np.sum(windows.stated_m**2))
     if squares_m2 == 0.0:
         return 1.0
@@ -300,7 +300,7 @@ def _least_squares_scale(windows: OdometryWindows) -> float:
 
 
 def _fit_line(way: FloatArray, error: FloatArray, choice: Choice) -> tuple[float, float]:
-    """Return the constant and the slope that hold the errors and are least in the mean."""
+    """Return the constant and slope that hold the errors with the least mean bound."""
     kept = n_kept(len(way), choice.keep)
     constants = np.array([np.partition(error - s * way, kept - 1)[kept - 1] for s in SLOPES])
     constants = np.maximum(constants, 0.0)
@@ -313,10 +313,9 @@ def _fit_line(way: FloatArray, error: FloatArray, choice: Choice) -> tuple[float
 
 def _spans(stamps_s: FloatArray) -> tuple[IndexArray, IndexArray]:
     """
-    Return the first and the last samples of windows, as many of each length.
+    Return the first and the last samples of windows, equally many of each length.
 
-    It goes through the samples, not through the time between them: one wrong stamp makes that
-    years long.
+    It steps through the samples, not through time: one wrong stamp would make that years long.
     """
     pieces = np.floor((stamps_s - stamps_s[0]) / EVERY_S)
     first, rng = np.unique(pieces, return_index=True)[1], np.random.default_rng(0)

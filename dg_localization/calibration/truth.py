@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Where robots truly were, between the samples of a ground truth, and errors beside it.
+Interpolation of a ground truth, and errors of readings and answers against it.
 
-Readings have errors, and answers of a localizer: whether they hold the truth, and how far off they
-are.
+Answers of a localizer are checked for whether they hold the truth, and for their errors.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,10 +22,10 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 MOST_GAP_S = 1.0
-"""Between samples that are farther apart nothing is taken as known."""
+"""Samples farther apart in time are not interpolated."""
 
 SAME_TIME_S = 1e-6
-"""A time this near to a sample is that of the sample: the same stamp is rounded in two ways."""
+"""A time this near to a sample counts as its time: the same stamp may be rounded differently."""
 
 
 class TrueTrack:
@@ -39,7 +38,7 @@ class TrueTrack:
         In any order; of equal stamps the first counts.
     positions_m : array_like, shape (n, 3)
     orientations_xyzw : array_like, shape (n, 4), optional
-        From body to world, scalar last; NaN or zero where not known.
+        From body to world, scalar last; NaN or zero if unknown.
 
     """
 
@@ -56,16 +55,16 @@ class TrueTrack:
         quaternions = np.reshape(np.asarray(orientations_xyzw, dtype=float), (-1, 4))[order]
         with np.errstate(invalid='ignore'):
             quaternions = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
-        # q and -q are the same turn; neighbors of one sign can be interpolated.
+        # q and -q are the same rotation; neighbors of one sign can be interpolated.
         products = np.sum(quaternions[1:] * quaternions[:-1], axis=1)
         signs = np.cumprod(np.concatenate([[1.0], np.where(products < 0.0, -1.0, 1.0)]))
         self._quaternions = quaternions * signs[:, None]
-        # Of a place that is known at all times, and of a sensor that is carried.
+        # For an anchor, whose place is known at all times, and for a sensor on a robot.
         self._is_at_rest, self._dimension, self._arm_m = False, 0, np.zeros(3)
 
     @classmethod
     def at_rest(cls, position_m: ArrayLike) -> 'TrueTrack':
-        """Return the track of an anchor; its orientation is not known."""
+        """Return the track of an anchor; its orientation is unknown."""
         place = np.zeros(3)
         place[: np.size(position_m)] = position_m
         track = cls([0.0], [place])
@@ -74,13 +73,13 @@ class TrueTrack:
 
     @property
     def span_s(self) -> tuple[float, ...]:
-        """The first and the last stamp; nothing for what is known at all times."""
+        """The first and the last stamp; empty for an anchor."""
         ends_s = self._stamps_s[[0, -1]].tolist()
         return () if self._is_at_rest else tuple(ends_s)
 
     def carrying(self, arm_m: ArrayLike) -> 'TrueTrack':
         """
-        Return the track of a sensor on this robot, which is turned as the robot is.
+        Return the track of a sensor on this robot, with the orientation of the robot.
 
         Parameters
         ----------
@@ -94,14 +93,14 @@ class TrueTrack:
         return track
 
     def positions_at(self, times_s: ArrayLike) -> FloatArray:
-        """Return the positions at some times, shape (m, 3), NaN where not known."""
+        """Return the positions at times, shape (m, 3); NaN if unknown."""
         found = self._between(self._positions_m, np.asarray(times_s, dtype=float))
         if self._dimension:
             found = found + without_tilt(self.rotations_at(times_s), self._dimension) @ self._arm_m
         return found
 
     def rotations_at(self, times_s: ArrayLike) -> FloatArray:
-        """Return the rotations from body to world, shape (m, 3, 3), NaN where not known."""
+        """Return the rotations from body to world, shape (m, 3, 3); NaN if unknown."""
         quaternions = self._between(self._quaternions, np.asarray(times_s, dtype=float))
         lengths = np.linalg.norm(quaternions, axis=1, keepdims=True)
         return rotation_of_quaternion(quaternions / lengths)
@@ -115,30 +114,30 @@ class TrueTrack:
         before = np.maximum(after - 1, 0)
         since_s, until_s = times_s - stamps[before], stamps[after] - times_s
         gaps_s = stamps[after] - stamps[before]
-        # Before the first sample there is none on the other side, and no gap between two.
+        # Before the first sample there is no sample on the other side, and no gap.
         between = (gaps_s > 0.0) & (gaps_s <= MOST_GAP_S) & (until_s >= 0.0)
         share = np.divide(since_s, gaps_s, out=np.zeros_like(gaps_s), where=between)[:, None]
         found = (1.0 - share) * values[before] + share * values[after]
         found[~between] = np.nan
-        # What is known of a sample needs no neighbor.
+        # A time of a sample needs no neighbor.
         nearest = np.where(np.abs(since_s) < np.abs(until_s), before, after)
         same = np.abs(times_s - stamps[nearest]) <= SAME_TIME_S
         return np.where(same[:, None], values[nearest], found)
 
 
 def without_heights(vectors_m: FloatArray, dimension: int) -> FloatArray:
-    """Return positions or ways, shape (m, 3), in the plane with heights of zero."""
+    """Return positions or displacements, shape (m, 3), with zero heights in the plane."""
     if dimension == 3:
         return vectors_m
-    # Not a product with zero: a height that is not known must not count either.
+    # Not a product with zero: an unknown height (NaN) must not count either.
     return np.column_stack([vectors_m[:, :2], np.zeros(len(vectors_m))])
 
 
 def without_tilt(rotations: FloatArray, dimension: int) -> FloatArray:
-    """Return rotations, shape (m, 3, 3), in the plane without roll and pitch."""
+    """Return rotations, shape (m, 3, 3), without roll and pitch in the plane."""
     if dimension == 3:
         return rotations
-    # The upright axis of a heading that is not known would seem to be.
+    # Leveling an unknown rotation would give it a known vertical axis.
     known = np.isfinite(rotations).all(axis=(1, 2), keepdims=True)
     return np.where(known, level_rotations(rotations), np.nan)
 
@@ -163,7 +162,7 @@ def range_errors_m(
     Returns
     -------
     ndarray, shape (m,)
-        NaN where the truth is not known.
+        NaN if the truth is unknown.
 
     """
     way_m = target.positions_at(stamps_s) - observer.positions_at(stamps_s)
@@ -188,7 +187,7 @@ def ray_errors_rad(
     Returns
     -------
     ndarray, shape (m,)
-        In the plane positive to the left; in space not negative. NaN where the truth is not known.
+        In the plane positive to the left; in space not negative. NaN if the truth is unknown.
 
     """
     way_m = target.positions_at(stamps_s) - observer.positions_at(stamps_s)
@@ -209,22 +208,22 @@ def angles_between(first: FloatArray, second: FloatArray) -> FloatArray:
 
 
 ROUNDING = 1e-6
-"""In m and in rad: bounds of what defines an axis have no width, and the truth is rounded."""
+"""Tolerance in m and in rad: bounds along the axes of a frame have no width; truth is rounded."""
 
 
 @dataclass(frozen=True)
 class TruePlacement:
     """
-    Where the robots truly are at one time, as far as that is known.
+    The true poses of the robots at one time, as far as known.
 
     Parameters
     ----------
     positions_m : numpy.ndarray, shape (n, q)
-        In the frame of an answer; NaN where not known.
+        Positions in the frame of an answer; NaN if unknown.
     rotations : numpy.ndarray, shape (n, 3, 3)
-        From body to that frame, in the plane about the vertical axis alone; NaN where not known.
+        From body to that frame, in the plane about the vertical axis only; NaN if unknown.
     distances_m : numpy.ndarray, shape (n, n)
-        Between the robots, which need no frame; NaN where not known.
+        Distances between the robots, which need no frame; NaN if unknown.
 
     """
 
@@ -234,19 +233,19 @@ class TruePlacement:
 
     @property
     def tells(self) -> bool:
-        """Whether anything is known that an answer could be compared with."""
+        """Whether some known value can be compared with an answer."""
         apart = self.distances_m[np.triu_indices(len(self.distances_m), 1)]
         return bool(np.isfinite(self.positions_m).any() or np.isfinite(apart).any())
 
     def outside(self, placement: Placement) -> BoolArray:
         """
-        Return which robots a placement of the same robots does not hold.
+        Return which robots are outside the bounds of a placement.
 
         Returns
         -------
         ndarray of bool, shape (n,)
-            True for a robot whose place or heading is outside its bounds; where there is none, for
-            both ends of a distance that is.
+            True for a robot whose place or heading is outside its bounds; if there is none, for
+            both ends of each distance outside its bounds.
 
         """
         low, high = placement.enclosure_m[:, 0], placement.enclosure_m[:, 1]
@@ -259,28 +258,28 @@ class TruePlacement:
         return alone if alone.any() else np.asarray(apart.any(axis=1))
 
     def point_errors_m(self, placement: Placement) -> FloatArray:
-        """Return how far the best points are off, shape (n,); NaN where that is not known."""
+        """Return the errors of the best points, shape (n,); NaN if unknown."""
         return np.asarray(np.linalg.norm(placement.positions_m - self.positions_m, axis=1))
 
     def heading_errors_rad(self, placement: Placement) -> FloatArray:
-        """Return how far the best headings are off, shape (n,); NaN where that is not known."""
+        """Return the errors of the best headings, shape (n,); NaN if unknown."""
         return self._angles_rad(placement.best_headings[0])
 
     def _angles_rad(self, orientations_xyzw: FloatArray) -> FloatArray:
-        """Return the angles between orientations and the true ones, NaN where one is not known."""
+        """Return the angles between orientations and the true ones; NaN if one is unknown."""
         return angles_between(rotation_of_quaternion(orientations_xyzw), self.rotations)
 
 
 @dataclass(frozen=True)
 class FleetTruth:
     """
-    Where the robots of a fleet truly were.
+    The ground truth of a fleet.
 
     Parameters
     ----------
     fleet : FleetConfig
     tracks : mapping of str to TrueTrack
-        Those of robots and anchors, by name.
+        The tracks of robots and anchors by name.
 
     """
 
@@ -302,16 +301,16 @@ class FleetTruth:
         self, frame: FixedFrame, stamp_s: float, odometry: OdometrySample | None = None
     ) -> TruePlacement:
         """
-        Return where the robots truly were at a time, in the frame of an answer.
+        Return the true poses of the robots at a time, in the frame of an answer.
 
         Parameters
         ----------
         frame : FixedFrame
-            That of the answer. The truth is taken to be in the coordinates of the anchors.
+            The frame of the answer. The truth is assumed in the coordinates of the anchors.
         stamp_s : float
             Time of the answer.
         odometry : OdometrySample, optional
-            The newest one of the robot whose odometry frame it is: it is true in that frame.
+            The newest odometry of the robot that owns an odometry frame, which is true in it.
 
         """
         dimension = self.fleet.dimension
@@ -335,7 +334,7 @@ class FleetTruth:
         )
 
     def _poses(self, names: Sequence[str], stamp_s: float) -> tuple[FloatArray, FloatArray]:
-        """Return positions (k, 3) and rotations (k, 3, 3) of points, NaN where not known."""
+        """Return positions (k, 3) and rotations (k, 3, 3) of points; NaN if unknown."""
         places, turns = np.full((len(names), 3), np.nan), np.full((len(names), 3, 3), np.nan)
         for row, name in enumerate(names):
             if name in self.tracks:
@@ -349,8 +348,8 @@ def _axes_along(edges_m: FloatArray) -> FloatArray:
     """
     Return axes as columns: x along the first edge, y on the side of the second.
 
-    Where there is no second one, y is any direction in the plane that is at right angles to x: the
-    points of a frame in space that have none are all on one line.
+    Without a second edge, y is any direction at right angles to x: in space, the points of such a
+    frame are all on one line.
     """
     if len(edges_m) == 0:
         return np.eye(3)

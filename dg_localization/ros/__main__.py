@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The executables where their scripts are not installed.
+Entry point of the executables if their scripts are not installed.
 
     python -m dg_localization.ros NAME [ARGUMENT ...]
 """

@@ -6,7 +6,7 @@
 import os
 import socket
 
-# Domains 1 to 101 keep DDS below the ephemeral ports of Linux; 0 is everybody's default.
+# Domains 1 to 101 keep DDS below the ephemeral ports of Linux; 0 is the common default.
 DOMAIN_IDS = range(1, 102)
 FIRST_PORT = 30_000
 
@@ -17,8 +17,8 @@ def claim_domain() -> int:
     """
     Take a free domain of this machine for this process and its children, as ament's tests do.
 
-    It is set as ROS_DOMAIN_ID, and a bound port holds it until the process ends. A fleet that runs
-    on a domain of its own choice is not seen. RuntimeError is raised when all are taken.
+    It is set as ROS_DOMAIN_ID, and a bound port reserves it until the process ends. Processes that
+    chose their domain otherwise are not detected. RuntimeError is raised if all are taken.
     """
     for domain_id in DOMAIN_IDS:
         claim = socket.socket()

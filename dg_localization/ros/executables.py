@@ -2,18 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The executables: how each of them starts, fails and ends, and what their command lines share.
+The executables: their start, errors and exit codes, and shared parts of their command lines.
 
-An executable is a module with a function `main`, which takes the command line and raises when it
-cannot go on. This is the one place that makes signals and errors an exit code:
+An executable is a module with a function `main`, which takes the command line and raises if it
+cannot continue. Signals and errors become exit codes only here:
 
 - 0: done; for a node, and for `replay`, also when SIGINT, SIGTERM or SIGHUP ends it;
-- 1: it could not go on, for example because of a damaged bag;
+- 1: it could not continue, for example because of a damaged bag;
 - 2: an argument or a parameter is wrong;
 - 130: SIGINT, SIGTERM or SIGHUP came before the work was done.
 
-Importing rclpy and the messages is most of a start, so it happens after the signals are taken
-care of: an executable ends without a traceback from its first moment on.
+Importing rclpy and the messages takes most of a start, so it happens after the signal handlers
+are installed: an executable ends without a traceback from its first moment on.
 """
 
 import argparse
@@ -33,19 +33,19 @@ from dg_localization.optional import install_hint
 
 EXIT_FAILED = 1
 EXIT_WRONG_USAGE = 2
-# What a shell makes of SIGINT: half an answer must not look whole to a script.
+# The exit code of a shell for SIGINT: an incomplete answer must not look complete to a script.
 EXIT_INTERRUPTED = 130
 
 EXIT_CODES = (
     'Exit codes: 0; 1 where it could not go on, as on a damaged bag; 2 when an argument or a '
     'parameter is wrong; 130 after a signal.'
 )
-# The last one comes when the terminal is closed, or the connection of ssh is lost.
+# SIGHUP comes when the terminal is closed or an ssh connection is lost.
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class ExecutableError(Exception):
-    """An executable cannot go on; the text says why and what to do."""
+    """An executable cannot continue; the text says why and what to do."""
 
     exit_code = EXIT_FAILED
 
@@ -57,18 +57,18 @@ class UsageError(ExecutableError):
 
 
 class StopRequest:
-    """Set by the first signal; a second SIGINT or SIGTERM does not wait for a clean end."""
+    """Set by the first signal; a second SIGINT or SIGTERM ends the process at once."""
 
     def __init__(self) -> None:
         self._is_set = False
 
     def is_set(self) -> bool:
-        """Return whether to stop."""
+        """Return whether a signal has arrived."""
         return self._is_set
 
     def handle(self, signal_number: int, frame: FrameType | None) -> None:
         """Handle a signal."""
-        # The kernel and the shell send SIGHUP each when a terminal is closed.
+        # The kernel and the shell both send SIGHUP when a terminal is closed.
         if self._is_set and signal_number != signal.SIGHUP:
             raise KeyboardInterrupt
         self._is_set = True
@@ -76,7 +76,7 @@ class StopRequest:
 
 @contextmanager
 def handled_by(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
-    """Handle the signals alike, also where a script ignored SIGINT, but SIGHUP not under nohup."""
+    """Install one handler for all signals, even if SIGINT was ignored; not SIGHUP under nohup."""
     numbers = [n for n in SIGNALS if n != signal.SIGHUP or signal.getsignal(n) != signal.SIG_IGN]
     before = [signal.signal(number, handler) for number in numbers]
     try:
@@ -88,23 +88,23 @@ def handled_by(handler: Callable[[int, FrameType | None], object]) -> Iterator[N
 
 @contextmanager
 def stop_request() -> Iterator[StopRequest]:
-    """Turn the signals into a request, where an exception would break what is being written."""
+    """Turn signals into a request, since an exception would corrupt files being written."""
     stop = StopRequest()
     with handled_by(stop.handle):
         yield stop
 
 
 def print_line(text: str) -> None:
-    """Print a line for the person at the terminal, apart from what the executable puts out."""
+    """Print a line for the user to stderr, separate from the output of the executable."""
     print(text, file=sys.stderr, flush=True)
 
 
 def print_result(text: str) -> None:
-    """Print what the executable puts out; a reader that is gone, as of a pipe, is no error."""
+    """Print the output of the executable; a closed pipe is no error."""
     try:
         print(text, flush=True)
     except BrokenPipeError:
-        # The interpreter flushes its streams at its end, and would fail once more.
+        # The interpreter flushes its streams at exit, and would fail again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:
         raise ExecutableError(f'the result cannot be printed: {error.strerror}') from error
@@ -112,7 +112,7 @@ def print_result(text: str) -> None:
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Raise `ExecutableError` with the path where it cannot be written, as on a full disk."""
+    """Raise `ExecutableError` with the path if it cannot be written, as on a full disk."""
     try:
         yield
     except OSError as error:
@@ -126,14 +126,14 @@ def write_text(path: Path, text: str) -> None:
 
 
 def make_progress(total_s: float) -> Any:
-    """Return a bar over seconds of a bag, with `update` and `close`; without tqdm, no bar."""
+    """Return a progress bar over seconds of a bag, or a stand-in without tqdm."""
     if find_spec('tqdm') is None:
         print_line(f'no progress bar without tqdm: {install_hint("tqdm")}')
         return SimpleNamespace(update=lambda seconds: None, close=lambda: None)
     from tqdm import tqdm
 
     return tqdm(
-        # A sum of floats may exceed what they are parts of, and the bar would warn.
+        # A sum of floats may exceed the total, and the bar would warn.
         total=total_s + 1e-6,
         unit='s',
         bar_format='{l_bar}{bar}| {n:.1f}/{total:.1f} s of the bag [{elapsed}<{remaining}]',
@@ -143,7 +143,7 @@ def make_progress(total_s: float) -> Any:
 def number(
     low: float, unit: str, strict: bool = False, high: float = sys.float_info.max
 ) -> Callable[[str], float]:
-    """Return an argument type: a finite number of at least `low`, or above it, up to `high`."""
+    """Return an argument type: a finite number from `low` (excluded if strict) to `high`."""
     wanted = f'a number {"above" if strict else "of at least"} {low:g}{unit}'
 
     def parse(text: str) -> float:
@@ -159,7 +159,7 @@ def number(
 
 
 def path_ending_in(endings: Collection[str]) -> Callable[[str], Path]:
-    """Return an argument type: a file to write with one of some endings, in a folder that is."""
+    """Return an argument type: a file to write with a given suffix, in an existing folder."""
 
     def check(text: str) -> Path:
         path = Path(text)

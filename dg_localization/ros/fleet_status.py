@@ -22,11 +22,11 @@ USAGE = 'usage: fleet_status [--ros-args -r __ns:=/NAMESPACE -p localizer:=NAME]
 
 REFRESH_S = 1.0
 SILENT_S = 3.0
-"""The localizer publishes once a second: after this long without a message it is called silent."""
+"""After this time without a message the localizer counts as silent; it publishes every second."""
 
 CLEAR = '\x1b[H\x1b[2J'
 SHOWN = ('yaw_deg', 'typical_m', 'guaranteed_m', 'heard')
-"""Values of robots in the diagnostics that have a column."""
+"""Values of robots in the diagnostics that get a column."""
 
 to_statuses = adapter_for('diagnostic_msgs/msg/DiagnosticArray').from_message
 
@@ -34,7 +34,7 @@ to_statuses = adapter_for('diagnostic_msgs/msg/DiagnosticArray').from_message
 def screen(
     node: str, statuses: Sequence[Status], silent_s: float, width: int = 80
 ) -> Iterator[str]:
-    """Yield the lines of a screen about the localizer `node`, whose diagnostics may be silent."""
+    """Yield the lines of a screen on the localizer `node`, silent for `silent_s`."""
     for text in _paragraphs(node, statuses, silent_s, width):
         yield from wrap(text, width, subsequent_indent='  ') or ['']
 
@@ -54,7 +54,7 @@ def _paragraphs(
     yield ''
     robots = {name[6:]: part for name, part in parts.items() if name.startswith('robot ')}
     header, *rows = _table(robots)
-    # Long names leave no room beside them.
+    # Long names leave no room for the other columns.
     has_room = len(''.join(header)) <= width
     yield ''.join(header if has_room else header[1:])
     for (name, *cells), part in zip(rows, robots.values(), strict=True):
@@ -75,13 +75,13 @@ def _paragraphs(
 
 
 def _table(robots: Mapping[str, Status]) -> list[list[str]]:
-    """Return the cells of a header and of a row for each robot, of one width in each column."""
+    """Return the cells of a header and a row for each robot, with equal widths in a column."""
     rows = [('robot', 'state', 'x m', 'y m', 'z m', *(key.replace('_', ' ') for key in SHOWN))]
     for name, part in robots.items():
         x, y, z, *_ = [*part.values.get('position_m', '').split(), '', '', '']
         cells = (part.values.get(key, '') for key in SHOWN)
         rows.append((name, _mark(part), x, y, z, *cells))
-    # A plane has no z.
+    # Drop empty columns: in the plane there is no z.
     names, *columns = [column for column in zip(*rows, strict=True) if any(column[1:])]
     widths = [max(map(len, column)) + 2 for column in columns]
     return [
@@ -95,7 +95,7 @@ def _mark(status: Status) -> str:
 
 
 def _summary(values: Mapping[str, str]) -> Iterator[str]:
-    """Yield the frame, inputs, answers, and of which hypothesis the poses are."""
+    """Yield the frame, the inputs, the answers, and the hypothesis of the poses."""
     yield values.get('frame') or 'no frame'
     yield f'{values.get("inputs_in_use", "0")} of {values.get("inputs", "0")} inputs in use'
     if 'rate_hz' in values:
@@ -114,7 +114,7 @@ class FleetStatusNode(Node):
     show : callable
         Takes the text of a screen.
     **kwargs
-        Those of `rclpy.node.Node`.
+        Arguments of `rclpy.node.Node`.
 
     """
 
@@ -128,13 +128,13 @@ class FleetStatusNode(Node):
         self.create_timer(REFRESH_S, self._refresh)
 
     def _keep(self, message: DiagnosticArray) -> None:
-        """Keep the diagnostics if they are those of the localizer."""
+        """Keep the diagnostics if they come from the localizer."""
         statuses = to_statuses(message).statuses
         if any(status.name == f'{self._localizer}: fleet' for status in statuses):
             self._statuses, self._received_s = tuple(statuses), time.monotonic()
 
     def _refresh(self) -> None:
-        """Print the screen anew."""
+        """Print the screen again."""
         silent_s = time.monotonic() - self._received_s
         width = shutil.get_terminal_size().columns
         self._show('\n'.join(screen(self._localizer, self._statuses, silent_s, width)))

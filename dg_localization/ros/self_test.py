@@ -25,10 +25,10 @@ from msg_adapters import adapter_for
 
 RATE_HZ, SENSOR_RATE_HZ = 5.0, 10.0
 START_S, MEASURE_S = 30.0, 10.0
-"""How long to wait for the first answer, and how long to count answers after it."""
+"""Time to wait for the first answer, and time to count answers after it."""
 
 PASSING_RATE, PASSING_HEARD = 0.9, 0.95
-"""Smallest passing fractions of the answers and of the messages that should come."""
+"""Least passing fractions of the expected answers and of the sent messages."""
 
 OLDEST_ANSWER_S, CLOCK_STEP_S = 0.5, 0.05
 """Largest passing age of an answer, and step of the system clock against the steady clock."""
@@ -47,15 +47,15 @@ LOCALIZING = {
 to_statuses = adapter_for('diagnostic_msgs/msg/DiagnosticArray').from_message
 
 Check = tuple[bool, str, str]
-"""One line of the result: whether it passed, its name and its figure."""
+"""One line of the result: whether it passed, its name and its value."""
 
 
 @dataclass
 class Observed:
     """
-    What arrived from the localizer: the time of each answer with its age, and its diagnostics.
+    The messages of the localizer: the time and age of each answer, and its diagnostics.
 
-    `heard` are times of diagnostics, with how many readings each input had accepted by then.
+    `heard` holds times of diagnostics with the number of accepted readings of each input.
     """
 
     answers_s: list[tuple[float, float]] = field(default_factory=list)
@@ -63,14 +63,14 @@ class Observed:
     fleet: str = 'no diagnostics received'
 
     def keep_answer(self, message: PoseArray) -> None:
-        """Keep the arrival and the age of an answer."""
+        """Record the arrival and the age of an answer."""
         if message.poses:
             stamp = message.header.stamp
             age_s = time.time() - stamp.sec - 1e-9 * stamp.nanosec
             self.answers_s.append((time.monotonic(), age_s))
 
     def keep_diagnostics(self, message: DiagnosticArray, node: str) -> None:
-        """Keep what one localizer has accepted."""
+        """Record the numbers of accepted readings of one localizer."""
         statuses = [one for one in to_statuses(message).statuses if one.name.startswith(node)]
         inputs = {
             one.name: int(one.values.get('accepted', '0'))
@@ -82,7 +82,7 @@ class Observed:
         self.fleet = next((s.message for s in statuses if s.name.endswith(': fleet')), self.fleet)
 
     def fraction_heard(self) -> float:
-        """Return how many of the messages sent between the diagnostics were accepted."""
+        """Return the fraction of accepted messages between the first and the last diagnostics."""
         if len(self.heard) < 2:
             return 0.0
         (start_s, first), (end_s, last) = self.heard[0], self.heard[-1]
@@ -90,7 +90,7 @@ class Observed:
         return sum(last.get(name, 0) - count for name, count in first.items()) / sent
 
     def checks(self) -> Iterator[Check]:
-        """Yield what the answers, their ages and the messages show."""
+        """Yield the checks of the answers, their ages and the messages."""
         (first_s, _), (last_s, _) = self.answers_s[0], self.answers_s[-1]
         rate_hz = (len(self.answers_s) - 1) / max(last_s - first_s, 1e-9)
         figure = f'{rate_hz:.1f} a second of {RATE_HZ:g}; {self.fleet}'
@@ -102,7 +102,7 @@ class Observed:
 
 
 def _observe(namespace: str) -> Observed:
-    """Return what the localizer in a namespace publishes, from its first answer on."""
+    """Return the messages of the localizer in a namespace, from its first answer on."""
     found, node = Observed(), Node('self_test')
     name = f'{namespace.lstrip("/")}/localizer'
     topic = f'{namespace}/localizer/feasible_poses'
@@ -121,13 +121,13 @@ def _observe(namespace: str) -> Observed:
 
 
 def measure() -> list[Check]:
-    """Localize the simulated fleet in a namespace of its own and return what was measured."""
+    """Localize the simulated fleet in a separate namespace and return the checks."""
     namespace = f'/self_test_{os.getpid()}'
     clocks_s = time.time() - time.monotonic()
     environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))}
     with ExitStack() as stack:
         for name, values in (('simulate_fleet', SIMULATED), ('localizer', LOCALIZING)):
-            # A clone in the working directory is not what is installed.
+            # Test the installed package, not a clone in the working directory.
             command = [sys.executable, '-P', '-m', 'dg_localization.ros', name, '--ros-args']
             command += ['-r', f'__ns:={namespace}']
             command += [

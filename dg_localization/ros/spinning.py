@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the executables share of rclpy: its arguments, its start and end, and spinning a node."""
+"""Use of rclpy by the executables: its arguments, its start and end, and spinning a node."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -20,30 +20,30 @@ from rclpy.utilities import remove_ros_args
 from dg_localization.ros.executables import ExecutableError, StopRequest, UsageError, stop_request
 
 REPEATED_S = 5.0
-# A message waits for up to this long.
+# Greatest time that a message waits.
 BATCH_S = 0.01
-# Python handles a signal once the wait for messages, which is no Python, is over.
+# Python handles a signal only after the wait for messages, which is native code.
 WAIT_S = 0.2
-# One for all: a log call takes the same clock every time. Timers of the clock of a machine would
-# be silent for as long as that is set back, and those of a simulated time while it stands still.
+# One clock for all, since a log call must always use the same one. Timers of the system clock
+# would be silent after it is set back, and those of a simulated clock while it stands still.
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 
 def at_most_every(period_s: float = REPEATED_S) -> dict[str, Any]:
-    """Return what a log call takes to be throttled, also where the clock of the machine is set."""
+    """Return arguments that throttle a log call, independent of changes of the system clock."""
     return {'throttle_duration_sec': period_s, 'throttle_time_source_type': STEADY}
 
 
 class BatchExecutor(SingleThreadedExecutor):
     """
-    Runs what is ready together, and then waits a little for more.
+    Runs all ready callbacks together, and then waits a little for more.
 
-    To look for what is ready takes rclpy some 0.3 ms of the processor. To do so for each message
-    of a simulated clock, which may be a thousand a second, would take a third of a processor.
+    rclpy takes about 0.3 ms of processor time to find ready callbacks. For each message of a
+    simulated clock, perhaps a thousand per second, that would take a third of a processor.
     """
 
     def spin_batch(self) -> None:
-        """Run everything that is ready; where that is nothing, wait a little for something."""
+        """Run everything that is ready; if nothing is, wait a little."""
         began_s = time.monotonic()
         if self._run_ready():
             time.sleep(max(0.0, BATCH_S - (time.monotonic() - began_s)))
@@ -51,7 +51,7 @@ class BatchExecutor(SingleThreadedExecutor):
             self.spin_once(timeout_sec=WAIT_S)
 
     def _run_ready(self) -> bool:
-        """Run everything that is ready, and return whether that was anything."""
+        """Run everything that is ready, and return whether something was."""
         ran = False
         while True:
             try:
@@ -67,13 +67,13 @@ class BatchExecutor(SingleThreadedExecutor):
 
 @contextmanager
 def ros_arguments_checked() -> Iterator[None]:
-    """Make a sentence of what rclpy raises about arguments, files of parameters or a machine."""
+    """Convert errors of rclpy about arguments, files of parameters or the machine to sentences."""
     try:
         yield
     except ParameterException as error:
         raise UsageError(str(error)) from error
     except RuntimeError as error:
-        # rclpy has no public class for wrong arguments; what it raises derives from this one.
+        # rclpy has no public class for wrong arguments; its errors derive from this one.
         if 'parse' in str(error) or not str(error).startswith('failed to initialize'):
             raise UsageError(f'wrong ROS arguments: {error}') from error
         about_logs = 'log' in str(error)
@@ -93,7 +93,7 @@ def rclpy_running(args: Sequence[str]) -> Iterator[None]:
     Keep rclpy initialized, with signals left to the caller.
 
     The handlers of rclpy shut the context down at once, in the middle of a callback, and leave no
-    time to take back what was published.
+    time to withdraw published answers.
     """
     with ros_arguments_checked():
         rclpy.init(args=['executable', *args], signal_handler_options=SignalHandlerOptions.NO)
@@ -104,7 +104,7 @@ def rclpy_running(args: Sequence[str]) -> Iterator[None]:
 
 
 def spin(make_node: Callable[[], Node], args: Sequence[str], usage: str) -> None:
-    """Make a node once rclpy runs and spin it until a signal; on ``--help`` print the usage."""
+    """Make a node and spin it until a signal; on ``--help`` print the usage."""
     own = own_arguments(args)
     if {'-h', '--help'}.intersection(own):
         print(usage)
@@ -124,10 +124,10 @@ def spin(make_node: Callable[[], Node], args: Sequence[str], usage: str) -> None
 
 def _spin_until(stop: StopRequest, node: Node) -> None:
     """
-    Spin; a callback that raises is reported, and the node goes on.
+    Spin; a callback that raises is reported, and the node continues.
 
-    Some callbacks are those of rclpy, and raise because of what others send: the one of `/clock`
-    for a negative time.
+    Some callbacks belong to rclpy and raise for messages of others, such as the callback of
+    `/clock` for a negative time.
     """
     executor = BatchExecutor()
     executor.add_node(node)

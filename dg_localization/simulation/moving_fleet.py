@@ -9,10 +9,10 @@ that placement and moves. In formation all robots follow a wide circle together,
 circles about its place in the fleet: the shape changes all the time and keeps its eight solutions.
 In loops each drives a circle of its own, so that its odometry tells left from right.
 
-Every reading keeps the bounds that are stated for it, also after its message is rounded. Odometry
-drifts, and never more than its bounds allow: from one sample to the next a robot measures how far
-it went and turned, in its body frame. Each step errs in proportion to the way and to the turn; the
-errors add up, and an error of the heading bends the way that follows.
+Every reading keeps its stated bounds, even after its message is rounded. Odometry drifts within
+its bounds: from one sample to the next a robot measures its motion and turn in its body frame.
+Each step errs in proportion to its length and turn; the errors accumulate, and an error of the
+heading bends the path after it.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -41,7 +41,7 @@ START_POSITIONS_M = np.array(
 # The measured pairs of the paper, by index into ROBOTS.
 EDGES = ((0, 1), (0, 2), (1, 2), (1, 3), (1, 4), (1, 5), (2, 3), (3, 5), (4, 5))
 
-# Landmarks that stand still. A range of more than the reach is not measured.
+# Landmarks at rest. Ranges beyond the reach are not measured.
 LANDMARKS_M = MappingProxyType(
     {'beacon_1': (-12.0, -9.0), 'beacon_2': (10.0, -9.0), 'beacon_3': (-2.0, 11.0)}
 )
@@ -52,12 +52,12 @@ COMMON_SHARE = 0.8
 COMMON_RADIUS_M = 20.0
 SWING_RADIUS_M = 0.3
 
-# This share of a bound is left to the rounding of messages: numbers in single precision, stamps
+# The share of a bound reserved for the rounding of messages: numbers in single precision, stamps
 # in whole nanoseconds.
 ROUNDING_SHARE = 1e-5
-# Left besides by the sensors, whose bounds may be small: twice what single precision adds.
+# Further margin of the sensors, whose bounds may be small: twice the error of single precision.
 SINGLE_PRECISION = 2.0**-23
-# The share of an error that is the same at every step, as that of a wrong wheel diameter.
+# The share of an error that is equal at every step, like that of a wrong wheel diameter.
 CONSTANT_SHARE = 0.5
 
 Pair = tuple[str, str]
@@ -65,7 +65,7 @@ Pair = tuple[str, str]
 
 
 class Path(StrEnum):
-    """How the robots drive."""
+    """The paths of the robots."""
 
     FORMATION = 'formation'
     LOOPS = 'loops'
@@ -106,7 +106,7 @@ class FleetMotion:
     speed_m_s : float
         Bound of the speed of every robot; 0 is a fleet at rest.
     seed : int
-        Decides where on its circle each robot begins, and which way it turns.
+        Decides the start of each robot on its circle, and its sense of rotation.
     path : Path
         In formation, or each in a loop of its own.
 
@@ -126,14 +126,14 @@ class FleetMotion:
             self._radii_m = rng.uniform(2 * SWING_RADIUS_M, 4 * SWING_RADIUS_M, len(ROBOTS))
 
     def state(self, time_s: float) -> FleetState:
-        """Return the true state so long after the start, which is the paper's placement."""
+        """Return the true state at a time after the start, which is the placement of the paper."""
         path_m = self._speed_m_s * time_s
         share, turns = self._common_share, self._turns
         swing_rad = (1.0 - share) / self._radii_m * path_m * turns + self._phases_rad
         common_rad = share / COMMON_RADIUS_M * path_m
         swing = self._radii_m[:, None] * (_on_circle(swing_rad) - _on_circle(self._phases_rad))
         common = COMMON_RADIUS_M * (_on_circle(common_rad) - _on_circle(0.0))
-        # The derivative with respect to the path: it gives a heading to a fleet at rest too.
+        # The derivative along the path, which gives a heading to a fleet at rest too.
         velocity = (1.0 - share) * turns[:, None] * _on_circle(
             swing_rad + np.pi / 2
         ) + share * _on_circle(common_rad + np.pi / 2)
@@ -145,7 +145,7 @@ class FleetMotion:
 
 
 def _on_circle(angle_rad: np.ndarray | float) -> np.ndarray:
-    """Return the points of the unit circle at the angles, one a row."""
+    """Return the points of the unit circle at angles, one per row."""
     return np.stack([np.cos(angle_rad), np.sin(angle_rad)], axis=-1)
 
 
@@ -153,8 +153,8 @@ class FleetSensors:
     """
     Sensors with bounded errors.
 
-    Of each pair of `EDGES` the first robot measures the range, and each sees the other. Every
-    robot ranges and sees every landmark.
+    The first robot of each pair of `EDGES` measures the range, and each robot sees the other.
+    Every robot ranges and sees every landmark.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ class FleetSensors:
     seed : int
         Seed of the errors, which are uniform within their bounds.
     landmarks_m : mapping of str to tuple of float
-        By name, the places of the landmarks in the fixed frame.
+        The places of the landmarks in the fixed frame by name.
 
     """
 
@@ -195,7 +195,7 @@ class FleetSensors:
         return found
 
     def bearings(self, state: FleetState) -> dict[Pair, tuple[float, float, float]]:
-        """See each robot of `EDGES` from the other and all landmarks: rays in the body frame."""
+        """Measure rays of the pairs of `EDGES`, both ways, and to landmarks, in body frames."""
         found = {}
         both_ways = [pair for edge in EDGES for pair in (edge, edge[::-1])]
         for observer, target, position_m in self._targets(state, both_ways):
@@ -210,7 +210,7 @@ class FleetSensors:
     def _targets(
         self, state: FleetState, pairs: Iterable[tuple[int, int]]
     ) -> Iterator[tuple[int, str, np.ndarray]]:
-        """Yield who measures, and name and place of whom."""
+        """Yield observer, target name and target place."""
         for observer, target in pairs:
             yield observer, ROBOTS[target], state.positions_m[target]
         for observer in range(len(ROBOTS)):
@@ -234,7 +234,7 @@ class OdometryErrors:
     rotation_per_m, rotation_per_rad : float
         Error of a turn, in rad per m travelled and in rad per rad turned.
     latency_s : float
-        A sample stamped t is of some time from this much before t until t.
+        A sample stamped t was taken at most this time before t.
 
     """
 
@@ -245,11 +245,11 @@ class OdometryErrors:
     latency_s: float = 0.0
 
     def bounds(self, way_m: float, turn_rad: float) -> tuple[float, float]:
-        """Return the bounds of the errors of a step, in m and rad, by its way and its turn."""
+        """Return the bounds of the errors of a step, in m and rad, by its length and its turn."""
         bound_m = self.translation_per_m * way_m + self.translation_per_rad * turn_rad
         bound_rad = self.rotation_per_m * way_m + self.rotation_per_rad * turn_rad
-        # A measured step may be shorter than the true one by its error, and its own bounds are
-        # smaller by this much.
+        # A measured step may be shorter than the true one by its error, so its own bounds are
+        # smaller by this loss.
         loss_m = self.translation_per_m * bound_m + self.translation_per_rad * bound_rad
         loss_rad = self.rotation_per_m * bound_m + self.rotation_per_rad * bound_rad
         share = min(_kept(bound_m, loss_m), _kept(bound_rad, loss_rad)) * (1.0 - ROUNDING_SHARE)
@@ -262,7 +262,7 @@ def _kept(bound: float, loss: float) -> float:
 
 
 class SimulatedOdometry(NamedTuple):
-    """The pose of a robot as it measured its way since the start, in its body frame there."""
+    """The measured pose of a robot relative to its body frame at the start."""
 
     robot: str
     position_m: tuple[float, float]
@@ -276,9 +276,9 @@ class FleetOdometry:
     Parameters
     ----------
     motion : FleetMotion
-        Where the robots truly are. The odometry begins at time zero.
+        The true motion. The odometry begins at time zero.
     errors : OdometryErrors
-        Half of each error is the same at every step, the other half is uniform in its bounds.
+        Half of each error is equal at every step, the other half is uniform in its bounds.
     seed : int
         Seed of the errors.
 
@@ -297,8 +297,8 @@ class FleetOdometry:
     def samples(self, time_s: float) -> Iterator[SimulatedOdometry]:
         """Measure the steps of all robots since the sample before, for a time of the motion."""
         pose_s = time_s - self._rng.uniform(0.0, self._errors.latency_s)
-        # Latency varies, and still no sample is of an earlier time than the one before; unless
-        # the clock itself went back.
+        # Latency varies, but no sample is of an earlier time than the one before, unless the clock
+        # itself went back.
         if time_s >= self._asked_s:
             pose_s = max(pose_s, self._state.time_s)
         self._asked_s = time_s

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The time of a node, which may jump back or stand still, and the rate that it keeps."""
+"""The time of a node, which may jump back or stand still, and its rate of estimates."""
 
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -12,24 +12,24 @@ import time
 from dg_localization.ros.interface.diagnostics import TOLERATED_RATE
 
 PERIODS = round(1.0 / (1.0 - TOLERATED_RATE))
-"""Over this many periods a rate with one missing event is still tolerated."""
+"""Number of periods over which a rate with one missing event is still tolerated."""
 
 WINDOW_S = 5.0
-"""A rate is that of the last seconds at least: one late event in them is no lower rate."""
+"""Least time span of a rate, so that one late event does not lower it."""
 
 LEAST_SET_BACK_S = 0.001
-"""A clock may be set back by less unnoticed: clocks of a machine do not run exactly alike."""
+"""Smaller steps back are not detected, since the clocks of a machine differ slightly."""
 
 SILENT_CLOCK_S = 3.0
-"""A clock that stands still for longer is worth a warning."""
+"""A clock that stands still for longer gives a warning."""
 
 LONGEST_CLOCK_STEP_S = 0.3
-"""Stamps are ahead of a simulated time by up to its step, which `max_future` is to hold."""
+"""Stamps are ahead of a simulated time by up to its step, which `max_future` must cover."""
 
 
 class NodeTime:
     """
-    Reads a clock, and notices what happens to its time.
+    Reads a clock, and detects jumps back and standstill.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class NodeTime:
         self._steps_s: deque[float] = deque(maxlen=PERIODS)
 
     def now(self) -> tuple[float, float]:
-        """Return the time in s, and by how many seconds it has jumped back since the last call."""
+        """Return the time in s, and the seconds by which it jumped back since the last call."""
         passed_s = self._steady_s() - self._read_at_s
         now_s = self._read_s()
         self._read_at_s = self._steady_s()
@@ -87,11 +87,11 @@ class NodeTime:
         return self._last_s if self._is_simulated else self._last_s - waited_s
 
     def step_s(self) -> float:
-        """Return the usual step of the time between calls of `now` that found it moved."""
+        """Return the typical step of the time between calls of `now` that saw it change."""
         return median(self._steps_s) if len(self._steps_s) == PERIODS else 0.0
 
     def warnings(self, n_publishers: int, is_active: bool) -> Iterator[str]:
-        """Yield what is wrong with the clock, given the number of publishers of /clock."""
+        """Yield warnings about the clock, given the number of publishers of /clock."""
         still_s, step_s = self._steady_s() - self._moved_at_s, self.step_s()
         if is_active and still_s > SILENT_CLOCK_S:
             yield f'time has stood still for {still_s:.1f} s: /clock is silent or paused'
@@ -102,12 +102,12 @@ class NodeTime:
 
 
 GAIN = 0.5
-"""What is spent on bounds follows the time that is left by this fraction, estimate by estimate."""
+"""Fraction of the remaining time by which the time for bounds changes at each estimate."""
 
 
 class Pace:
     """
-    How long estimates may tighten their bounds without being late for the wanted rate.
+    The time for which estimates may tighten their bounds without missing the wanted rate.
 
     Parameters
     ----------
@@ -126,24 +126,24 @@ class Pace:
     def __init__(self, wanted_hz: float, limit_s: float = math.inf) -> None:
         # The rest of a period is for measurements and messages.
         self._wanted_s = TOLERATED_RATE / wanted_hz
-        # More would have no effect, and take many late estimates to come down from.
+        # A larger value would have no effect, and take many late estimates to reduce.
         self._most_s = min(self._wanted_s, limit_s)
         self.tighten_s = self._most_s
 
     def note(self, took_s: float) -> None:
-        """Note how long an estimate took, in s."""
+        """Record the duration of an estimate in s."""
         left_s = self.tighten_s + GAIN * (self._wanted_s - took_s)
         self.tighten_s = min(self._most_s, max(0.0, left_s))
 
 
 class RateMeter:
     """
-    Counts events, and reports their rate by the clock that the events are counted by.
+    Counts events, and reports their rate by the clock of `now_s`.
 
     Parameters
     ----------
     wanted_hz : float
-        The rate that is wanted; an event that is later than its period counts as missing.
+        The wanted rate; an event later than its period counts as missing.
 
     """
 
@@ -161,12 +161,12 @@ class RateMeter:
         self._times_s.clear()
 
     def rate_hz(self, now_s: float) -> float | None:
-        """Return the rate in Hz, None while too few periods have passed to know one."""
+        """Return the rate in Hz; None while too few periods have passed."""
         times_s = self._times_s or (now_s,)
         first_s, last_s, n_steps = times_s[0], times_s[-1], len(times_s) - 1
         if n_steps < PERIODS and now_s - first_s < PERIODS * self._period_s:
             return None
         if now_s - last_s > self._period_s:
-            # The next one is late: at best it comes now.
+            # The next event is late: at best it comes now.
             n_steps, last_s = n_steps + 1, now_s
         return n_steps / (last_s - first_s) if last_s > first_s else None

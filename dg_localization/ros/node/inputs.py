@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The subscriptions of the node: the links named one by one, and topics that templates name."""
+"""The subscriptions of the node: explicit links, and topics that match templates."""
 
 from collections.abc import Callable
 from copy import copy
@@ -21,25 +21,25 @@ from dg_localization.ros.interface.parameters.settings import Settings
 from dg_localization.ros.spinning import BATCH_S, STEADY
 from msg_adapters import adapter_for
 
-# As the profile of that name, which every publisher can serve, with a longer queue: publishing
-# an answer or the diagnostics of a large fleet keeps the executor from receiving for a moment. On
-# a machine that is too busy queues stay full, and what is taken is as old as they are long: with
-# sensors at 10 Hz that must be less than the default `max_age`, or no message would be of use.
-# A topic that several robots share has such a queue for each of them.
+# The standard sensor-data profile, compatible with every publisher, with a longer queue: while an
+# answer or the diagnostics of a large fleet are published, the executor does not receive. On an
+# overloaded machine queues stay full, and messages are as old as the queue is long: with sensors
+# at 10 Hz that must be less than the default `max_age`, or no message would be of use. A topic
+# that several robots share has such a queue for each of them.
 QUEUE_DEPTH = 8
 SENSOR_DATA = QoSProfile(depth=QUEUE_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=QUEUE_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
-# rclpy would report publishers of other quality of service, of which there are none for
-# `SENSOR_DATA`, and of other types, which the finder knows.
+# rclpy would report publishers with incompatible QoS, which do not exist for `SENSOR_DATA`, and
+# those with other types, which the finder reports.
 NO_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
 
 
 class PolledGroup(CallbackGroup):
-    """Subscriptions that no executor looks at, because the node asks them for messages itself."""
+    """Subscriptions that no executor checks, because the node polls them itself."""
 
     def can_execute(self, entity: Any) -> bool:
-        """Return False: an executor does not wait for what may not be executed."""
+        """Return False, so that an executor does not wait for the subscriptions."""
         return False
 
 
@@ -47,10 +47,10 @@ class Inputs:
     """
     Subscriptions to the inputs of a fleet.
 
-    To find out which of 200 subscriptions have a message takes an executor of rclpy 5 ms of the
-    processor, and to ask each for its messages 0.3 ms. So a timer has them asked, and the executor
-    does not look at them. Most pairs of a large fleet never measure each other: topics that only a
-    template names are subscribed to once they exist.
+    An executor of rclpy takes 5 ms of processor time to find which of 200 subscriptions have a
+    message; polling all of them takes 0.3 ms. So a timer polls them, and the executor does not
+    check them. Most pairs of a large fleet never measure each other: topics that match a template
+    are subscribed to only when they exist.
 
     Parameters
     ----------
@@ -58,13 +58,13 @@ class Inputs:
         The node that subscribes.
     settings : Settings
     take : callable
-        Called with the link and the bytes of each message, and how long it has waited since the
-        middleware received it, in s.
+        Called with the link and the bytes of each message, and the time in s since the middleware
+        received it.
 
     Attributes
     ----------
     finder : TopicFinder
-        What knows inputs whose topic has endpoints of other types.
+        The finder of inputs, which also knows inputs whose topic has endpoints of other types.
 
     """
 
@@ -79,19 +79,19 @@ class Inputs:
         self._subscriptions: dict[Link, Subscription] = {}
         for link in settings.links:
             self._subscribe(link)
-        # An executor calls timers before it takes a simulated time, and guard conditions after
-        # it: where a bag is replayed many times as fast, messages would seem to be of the future.
+        # An executor calls timers before it takes a simulated time, and guard conditions after it:
+        # in a fast replay of a bag, messages polled by a timer would seem to be in the future.
         self._poller = node.create_guard_condition(self._poll)
         # The node's own time stands still while a simulation pauses.
         self._timer = node.create_timer(BATCH_S, self._poller.trigger, clock=STEADY)
 
     @property
     def links(self) -> tuple[Link, ...]:
-        """The inputs that are subscribed to."""
+        """The subscribed inputs."""
         return tuple(self._subscriptions)
 
     def search(self) -> None:
-        """Subscribe to topics that have come into being, and log those of a wrong type once."""
+        """Subscribe to new topics, and log topics of a wrong type once."""
         known = self.finder.wrong_types
         for link in self.finder.find(self._node.get_topic_names_and_types()):
             self._subscribe(link)
@@ -109,14 +109,14 @@ class Inputs:
             )
 
     def drop_waiting(self) -> None:
-        """Drop what has arrived and is not taken yet."""
+        """Drop messages that have arrived and were not taken yet."""
         for subscription in self._subscriptions.values():
             for _ in range(subscription.qos_profile.depth):
                 if _taken_from(subscription) is None:
                     break
 
     def destroy(self) -> None:
-        """Take the subscriptions off the graph."""
+        """Remove the subscriptions from the graph."""
         self._node.destroy_timer(self._timer)
         self._node.destroy_guard_condition(self._poller)
         for subscription in self._subscriptions.values():
@@ -126,10 +126,10 @@ class Inputs:
 
     def _poll(self) -> None:
         """
-        Take what has arrived, one message of each topic after the other.
+        Take the arrived messages, one message of each topic in turn.
 
-        Where more arrives than can be taken, each topic still has its turn, and so have the other
-        callbacks of the node. A topic that raises does not keep the others from theirs.
+        If more messages arrive than can be taken, each topic still gets its turn, and so do the
+        other callbacks of the node. A topic that raises does not block the others.
         """
         end_s = time.monotonic() + BATCH_S
         waiting = list(self._subscriptions.items())
@@ -153,13 +153,13 @@ class Inputs:
         if taken is None:
             return False
         data, information = taken
-        # Zero where the middleware does not say; the clock may have been set back since.
+        # Zero if the middleware gives no time; the clock may have been set back since.
         received_ns = information['received_timestamp'] or time.time_ns()
         self._take(link, data, max(0.0, 1e-9 * (time.time_ns() - received_ns)))
         return True
 
     def _follow_durability(self, link: Link) -> None:
-        """Receive the matrix that a camera published once, where all publishers keep it."""
+        """Use a latched subscription to a camera topic if all publishers are latched."""
         publishers = self._node.get_publishers_info_by_topic(link.topic)
         is_latched = bool(publishers) and all(
             info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
@@ -191,4 +191,4 @@ def _taken_from(subscription: Subscription) -> tuple[bytes, dict[str, int]] | No
 
 
 def _never_called(_: bytes) -> None:
-    """Stand for the callback of a subscription that is polled."""
+    """Serve as the callback of a polled subscription."""

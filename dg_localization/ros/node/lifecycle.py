@@ -34,14 +34,14 @@ N = TypeVar('N', bound=LifecycleNode)
 
 BOND_TOPIC = 'bond'
 BEGINNING = re.compile(r'[^:;,0-9]*')
-"""What is wrong, of a message that goes on with names and numbers."""
+"""The beginning of a message, before names and numbers."""
 
 LOOKS_BETWEEN = 5
-"""A state that changes all the time is logged at most once in this many looks."""
+"""A state that changes all the time is logged at most once per this number of calls."""
 
 
 def transition(method: Callable[[N], None]) -> Callable[..., TransitionCallbackReturn]:
-    """Make a transition callback of a method that raises when it fails; rclpy would not log it."""
+    """Make a transition callback that logs the error of a failed method, since rclpy does not."""
 
     @wraps(method)
     def callback(node: N, state: LifecycleState) -> TransitionCallbackReturn:
@@ -57,9 +57,9 @@ def transition(method: Callable[[N], None]) -> Callable[..., TransitionCallbackR
 
 def changed_state(callback: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
     """
-    Answer a request of a transition; one that the present state does not have is refused.
+    Answer a transition request; refuse a transition that the present state does not have.
 
-    rclpy raises, and the client, such as a lifecycle manager, would wait for an answer for ever.
+    rclpy raises instead, and the client, such as a lifecycle manager, would wait forever.
     """
     try:
         return callback(request, response)
@@ -71,10 +71,10 @@ def changed_state(callback: Callable[[Any, Any], Any], request: Any, response: A
 
 class ManagedNode(LifecycleNode):
     """
-    A node with the states of REP-2003, which takes apart what its transitions made.
+    A node with the managed lifecycle states, which undoes its transitions.
 
-    A class derived from it makes things in `on_configure` and `on_activate`, and puts what takes
-    them apart into `_made_to_configure` and `_made_to_activate`. `_state` names the state.
+    A derived class creates resources in `on_configure` and `on_activate`, and registers their
+    cleanup in `_made_to_configure` and `_made_to_activate`. `_state` names the state.
     """
 
     def __init__(self, name: str, **kwargs: Any) -> None:
@@ -88,19 +88,19 @@ class ManagedNode(LifecycleNode):
 
     @transition
     def on_deactivate(self) -> None:
-        """Take apart what was made to be active."""
+        """Destroy the resources of the active state."""
         self._state = 'inactive'
         self._made_to_activate.close()
 
     @transition
     def on_cleanup(self) -> None:
-        """Take apart what was made to be inactive."""
+        """Destroy the resources of the inactive state."""
         self._state = 'unconfigured'
         self._made_to_configure.close()
 
     @transition
     def on_shutdown(self) -> None:
-        """End from any state."""
+        """Shut down from any state."""
         self._state = 'finalized'
         self._dismantle()
 
@@ -111,7 +111,7 @@ class ManagedNode(LifecycleNode):
         self._dismantle()
 
     def destroy_node(self) -> None:
-        """Take everything apart and destroy the node."""
+        """Destroy all resources and the node."""
         self._dismantle()
         super().destroy_node()
 
@@ -135,14 +135,14 @@ class ManagedNode(LifecycleNode):
 
 class LiveParameters:
     """
-    Checks each change as a whole, and applies what takes effect at once.
+    Checks each change as a whole, and applies the parts that take effect at once.
 
     Parameters
     ----------
     node : Node
-        Its parameters are declared.
+        A node with declared parameters.
     apply : callable
-        Called with the settings after a change; the fleet in them is the present one.
+        Called with the settings after a change; they hold the fleet as configured.
 
     """
 
@@ -166,7 +166,7 @@ class LiveParameters:
         return settings_from(self._wanted, self._node.resolve_topic_name)
 
     def _check(self, parameters: Sequence[Parameter]) -> SetParametersResult:
-        """Refuse wrong values, and another clock: all stamps so far would be wrong."""
+        """Refuse wrong values, and a change of the clock: all earlier stamps would be wrong."""
         try:
             if any(parameter.name == 'use_sim_time' for parameter in parameters):
                 raise WrongParameterError('use_sim_time can be set only when the node starts')
@@ -176,7 +176,7 @@ class LiveParameters:
         return SetParametersResult(successful=True)
 
     def _on_set(self, parameters: Sequence[Parameter]) -> None:
-        """Apply what takes effect at once; the rest waits for the next configuration."""
+        """Apply parameters that take effect at once; others wait for the next configuration."""
         if self._is_declaring:
             return
         before = self._present
@@ -189,7 +189,7 @@ class LiveParameters:
     def _settings_after(
         self, parameters: Sequence[Parameter]
     ) -> tuple[dict[str, Any], dict[str, Any], Settings]:
-        """Return the wanted values, the present ones, and the settings of these."""
+        """Return the wanted values, the values in effect, and the settings from the latter."""
         changes = {} if self._is_declaring else {one.name: one.value for one in parameters}
         # Parameters of points that are gone are left out.
         wanted = check_values({**self._wanted, **changes}, refuses_unknown=False)
@@ -228,7 +228,7 @@ class FleetLog:
             return
         self._said, self._looks = state, 0
         text = shortened(f'fleet: {status.message}')
-        # A logger takes one severity from each line.
+        # rclpy allows one severity per line of source.
         if status.level is Level.OK:
             self._logger.info(text)
         elif status.level is Level.WARN:

@@ -4,8 +4,8 @@
 """
 The managed node `localizer`, which publishes every feasible placement of a fleet.
 
-It converts messages, calls the ROS-free `Localizer`, and publishes what it answers. Measurements
-are taken on the executor's thread; the newest snapshot of them is answered on a thread of its own.
+It converts messages, calls the ROS-free `Localizer`, and publishes its answers. Measurements are
+taken on the thread of the executor; their newest snapshot is answered on a separate thread.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -75,10 +75,10 @@ class TimedEstimate(NamedTuple):
 
 class LocalizerNode(ManagedNode):
     """
-    The node; a parameter that is unknown or wrong raises `WrongParameterError`.
+    The node; an unknown or wrong parameter raises `WrongParameterError`.
 
-    `make_localizer` makes what answers for a fleet, and the thread of the worker calls `load`
-    before the first answer. Other arguments are those of `rclpy.node.Node`.
+    `make_localizer` makes the localizer of a fleet, and the thread of the worker calls `load`
+    before the first answer. Other arguments go to `rclpy.node.Node`.
     """
 
     _outputs: Publishers
@@ -117,7 +117,7 @@ class LocalizerNode(ManagedNode):
 
     @transition
     def on_configure(self) -> None:
-        """Make the outputs, the reset service and the worker; receive nothing yet."""
+        """Make the outputs, the reset service and the worker, without inputs."""
         made = self._made_to_configure
         self._adopt(self._live.at_configure())
         outputs = [*estimate_outputs(self.settings.fleet.robots)]
@@ -139,7 +139,7 @@ class LocalizerNode(ManagedNode):
 
     @transition
     def on_activate(self) -> None:
-        """Receive, and localize at the given rate."""
+        """Start receiving, and localize at the given rate."""
         made = self._made_to_activate
         made.callback(self._forget, 'deactivated')
         if not self.settings.autostart:
@@ -153,12 +153,12 @@ class LocalizerNode(ManagedNode):
         self._state = 'active'
 
     def _start_ticker(self) -> None:
-        # The clock of a machine may be set back by hours, in which its timers would be silent.
+        # The system clock may be set back by hours, and its timers would be silent for so long.
         clock, period_s = None if self._is_simulated else STEADY, 1.0 / self.settings.rate_hz
         self._ticker = self.create_timer(period_s, self._on_tick, clock=clock)
 
     def _adopt(self, settings: Settings) -> None:
-        """Begin with a fleet."""
+        """Adopt the settings of a new fleet."""
         self.settings = settings
         self._localizer = self._make_localizer(settings.fleet)
         args = self._localizer, settings.use_header_stamp, settings.ids, self._is_simulated
@@ -174,7 +174,7 @@ class LocalizerNode(ManagedNode):
         self._longest_estimate_s += fleet.max_conflict_seconds
 
     def _apply(self, settings: Settings) -> None:
-        """Go on with other settings of the same fleet."""
+        """Apply changed settings of the same fleet."""
         before, self.settings = self.settings, settings
         self._keep_pace()
         if self._state == 'active' and settings.rate_hz != before.rate_hz:
@@ -185,7 +185,7 @@ class LocalizerNode(ManagedNode):
             self._forget('parameters have changed')
 
     def _on_message(self, link: Link, data: bytes, waited_s: float) -> None:
-        """Take one measurement; one that is wrong is counted, and raises nothing."""
+        """Take one measurement; a wrong one is counted and raises nothing."""
         now_s = self._now_s()
         arrived_s = self._time.arrived_s(waited_s)
         if now_s is None or arrived_s is None:
@@ -202,7 +202,7 @@ class LocalizerNode(ManagedNode):
             time.sleep(min(BATCH_S, time.monotonic() - began_s))
 
     def _on_tick(self) -> None:
-        """Have the newest measurements answered, once the worker is done with older ones."""
+        """Submit the newest measurements, once the worker is done with older ones."""
         now_s = self._now_s()
         if now_s is None or not self._worker.warm_up.done():
             return
@@ -213,7 +213,7 @@ class LocalizerNode(ManagedNode):
             self._rate.count(now_s)
 
     def _answer(self, snapshot: Snapshot, cancel: Event) -> TimedEstimate:
-        """Answer a snapshot, and make the messages of it; in the thread of the worker."""
+        """Answer a snapshot and make its messages, in the thread of the worker."""
         began_s = time.perf_counter()
         estimate = self._localizer.estimate(snapshot, cancel)
         ended_s = time.perf_counter()
@@ -222,17 +222,17 @@ class LocalizerNode(ManagedNode):
         return TimedEstimate(estimate, messages, snapshot.motion, *spent_s)
 
     def _on_warm(self, began_s: float, warm_up: Future[Any]) -> None:
-        """Log how long the solver took to be ready; in the thread of the worker."""
+        """Log the duration of the warm-up, in the thread of the worker."""
         took_s = time.monotonic() - began_s
         error = warm_up.exception()
         if error is None:
             self.get_logger().info(f'the solver is ready after {took_s:.1f} s')
         else:
-            # The estimates will fail too, and say so in the diagnostics.
+            # The estimates will fail too, and the diagnostics will report it.
             self.get_logger().error(f'the warm-up of the solver failed: {error!r}')
 
     def _on_answer(self) -> None:
-        """Publish what the worker found, unless time has jumped back since it was asked for."""
+        """Publish the answer of the worker, unless time has jumped back since its submission."""
         self._now_s()
         took_s = self._worker.busy_s
         try:
@@ -265,7 +265,7 @@ class LocalizerNode(ManagedNode):
             'publish_s': answer.messages_s + time.perf_counter() - began_s,
         }
         self._intake_s = 0.0
-        # tf2 warns of transforms that repeat a time, and does not take them.
+        # tf2 warns of transforms with a repeated time, and drops them.
         is_new = answer.estimate.stamp_s != self._transforms_s
         if self.settings.publish_tf and is_new and answer.motion is not None:
             self._publish_transforms(answer.estimate, answer.motion)
@@ -283,12 +283,12 @@ class LocalizerNode(ManagedNode):
             self._outputs.publish([(TRANSFORM_TOPIC, transforms_to_cdr(found))])
 
     def _fail(self, reason: str) -> None:
-        """Take back the last answer because of a defect."""
+        """Withdraw the last answer because of an internal error."""
         self._failure = reason
         self._publish(self._no_estimate(reason))
 
     def _on_second(self) -> None:
-        """Look after the worker, the clock and the graph, and publish the diagnostics."""
+        """Check the worker, the clock and the graph, and publish the diagnostics."""
         if self._state == 'active':
             self._now_s()
             if self._worker.busy_s > worker.patience_s(self._longest_estimate_s):
@@ -299,12 +299,12 @@ class LocalizerNode(ManagedNode):
         elif self._state == 'active':
             self._fleet_log.look(diagnostics.statuses[0])
         self._diagnostics.publish(self._stream.messages(diagnostics))
-        # Last: it reads names that strangers give, which must not keep the rest from being done.
+        # Last, since names of other nodes may raise, which must not block the rest.
         own_name = (self.get_name(), self.get_namespace())
         self._has_namesake = self.get_node_names_and_namespaces().count(own_name) > 1
 
     def _give_up_estimate(self) -> None:
-        """Take back the last answer; one more begins when the thread is done with this one."""
+        """Withdraw the last answer; a new estimate begins when this one has ended."""
         reason = f'no answer for {self._worker.busy_s:.1f} s: if this lasts, start the node anew'
         self._worker.cancel()
         self.get_logger().error(reason)
@@ -350,7 +350,7 @@ class LocalizerNode(ManagedNode):
         return response
 
     def _forget(self, reason: str) -> None:
-        """Stop the estimate, forget all that has arrived, and take back the last answer."""
+        """Stop the estimate, forget all measurements, and withdraw the last answer."""
         self._worker.cancel()
         if self._inputs is not None:
             self._inputs.drop_waiting()

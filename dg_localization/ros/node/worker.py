@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A thread that estimates, so that the executor goes on receiving."""
+"""A thread for estimates, so that the executor continues to receive."""
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
@@ -19,37 +19,37 @@ A = TypeVar('A')
 
 THREAD_NAME = 'estimate'
 CLOSE_S = 2.0
-# The solver uses every processor, in threads that inherit the priority of this one. Without this,
-# messages wait for a turn among them and are lost (benchmarks/notes/reliability.md).
+# The solver uses every processor, in threads that inherit the priority of this one. At normal
+# priority, messages wait behind these threads and are lost (benchmarks/notes/reliability.md).
 NICENESS = 5
-# An estimate that takes this many times its limits, and at least this long, may never end. The
-# limits of solves, memories and explanations are added up.
+# An estimate that takes this multiple of its limits, and at least this time, may never end. Its
+# limit is the sum of those of solver, memory and explanation.
 PATIENCE, PATIENCE_S = 5.0, 10.0
 
 
 def patience_s(limits_s: float) -> float:
-    """Return after which time an estimate of some limits is given up, in s."""
+    """Return the time in s after which an estimate with given limits is abandoned."""
     return max(PATIENCE * limits_s, PATIENCE_S)
 
 
 class EstimateWorker(Generic[A]):
     """
-    Runs one estimate at a time; all methods are called from the executor's thread.
+    Runs one estimate at a time; all methods are called from the thread of the executor.
 
     Parameters
     ----------
     estimate : callable
-        Called with a snapshot and an event that is set when the answer is not wanted any more.
+        Called with a snapshot and an event that is set when the answer is no longer wanted.
     wake : callable
-        Called without arguments from the worker's thread when an answer can be taken; never
-        after `cancel` or `close`.
+        Called without arguments from the thread of the worker when an answer is ready; never after
+        `cancel` or `close`.
     warm_up : callable, optional
         Called without arguments before the first estimate; `cancel` does not stop it.
 
     Attributes
     ----------
     warm_up : Future
-        Whether it is over, and what it raised.
+        The result of the warm-up.
 
     """
 
@@ -71,12 +71,12 @@ class EstimateWorker(Generic[A]):
 
     @property
     def busy(self) -> bool:
-        """Whether an answer is being worked out or waits to be taken."""
+        """Whether an estimate is running or its answer waits to be taken."""
         return self._wanted is not None
 
     @property
     def busy_s(self) -> float:
-        """For how long it has been `busy`, in s."""
+        """The time for which it has been `busy`, in s."""
         return time.monotonic() - self._began_s if self.busy else 0.0
 
     def submit(self, snapshot: Snapshot) -> None:
@@ -92,7 +92,7 @@ class EstimateWorker(Generic[A]):
                 self._wake()
 
     def take(self) -> A | None:
-        """Return the answer, once, or raise what the estimate raised; None when there is none."""
+        """Return the answer once, or raise the error of the estimate; None if there is none."""
         wanted = self._wanted
         if wanted is None or not wanted.done():
             return None
@@ -106,14 +106,14 @@ class EstimateWorker(Generic[A]):
         self._wanted = None
 
     def close(self) -> None:
-        """Cancel, and give the thread a moment to end; it may be compiling, which cannot stop."""
+        """Cancel, and give the thread a moment to end; compilation cannot be stopped."""
         self.cancel()
         late = wait([self._newest], timeout=CLOSE_S).not_done
         self._pool.shutdown(wait=not late)
 
 
 def _step_back() -> None:
-    """Lower the priority of this thread where threads have one, which is on Linux."""
+    """Lower the priority of this thread on Linux, where threads have their own priority."""
     if sys.platform == 'linux':
         thread = get_native_id()
         niceness = os.getpriority(os.PRIO_PROCESS, thread) + NICENESS

@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The executable `simulate_fleet`: the fleet of the paper on real topics, with the truth beside it.
+The executable `simulate_fleet`: the fleet of the paper on real topics, with its ground truth.
 
 It publishes, at `rate` and in its namespace:
 
 - `{observer}/range/{target}` (sensor_msgs/Range), the nine measured pairs, and every robot to the
   three landmarks where `landmarks` is true, when `ranges` is true;
 - `{observer}/bearing/{target}` (geometry_msgs/Vector3Stamped), both ways, when `cameras` is true;
-- when `peers` is true, in the place of all these `{observer}/peers` (sensor_msgs/PointCloud2);
+- when `peers` is true, `{observer}/peers` (sensor_msgs/PointCloud2) instead of all these;
 - `~/ground_truth` (geometry_msgs/PoseArray) in the order robot_1 ... robot_6, frame `world`;
 
 and, at `odometry_rate` and when `odometry` is true, `{robot}/odom` (nav_msgs/Odometry), which
@@ -78,7 +78,7 @@ PARAMETERS = {
 
 
 class SimulatedFleet:
-    """A moving fleet and its sensors, as messages, by the values of the parameters."""
+    """A moving fleet and its sensors as messages, by the values of the parameters."""
 
     def __init__(self, values: Mapping[str, Any]) -> None:
         if not (values['ranges'] or values['cameras']):
@@ -98,7 +98,7 @@ class SimulatedFleet:
         self._odometry = simulation.FleetOdometry(self.motion, errors, seed)
 
     def measurements(self, time_s: float, stamp_s: float) -> Iterator[tuple[str, Any]]:
-        """Range and see once; yield a topic and a message for each pair or for each robot."""
+        """Measure once; yield a topic and a message for each pair or for each robot."""
         state, values = self.motion.state(time_s), self._values
         ranges_m = self._sensors.ranges(state) if values['ranges'] else {}
         rays = self._sensors.bearings(state) if values['cameras'] else {}
@@ -126,7 +126,7 @@ class SimulatedFleet:
             yield f'{observer}/bearing/{target}', bearing_to_message(seen)
 
     def odometry_messages(self, time_s: float, stamp_s: float) -> Iterator[tuple[str, Any]]:
-        """Sample the odometry of every robot that has some."""
+        """Yield a sample of the odometry of every robot that has odometry."""
         for sample in self._odometry.samples(time_s) if self._values['odometry'] else ():
             reading = OdometryReading(
                 stamp_s,
@@ -147,7 +147,7 @@ class SimulatedFleet:
 
 
 def usage() -> str:
-    """Return how the executable is used, with its parameters."""
+    """Return the usage of the executable, with its parameters."""
     rows = '\n'.join(
         f'  {name:19} {spec.description}, {spec.allowed()} (default {spec.default})'
         for name, spec in PARAMETERS.items()
@@ -172,7 +172,7 @@ class FleetSimulator(Node):
         ]
         outputs = [Output(topic, type(one), qos_profile_sensor_data) for topic, one in messages]
         self._outputs = Publishers(self, [*outputs, Output(TRUTH, PoseArray, LATCHED)])
-        # Timers of the clock of a machine are silent where it is set back.
+        # Timers of the system clock are silent after it is set back.
         is_simulated = self.get_parameter('use_sim_time').value
         clock = None if is_simulated else STEADY
         self.create_timer(1.0 / values['rate'], self.publish_measurements, clock=clock)
@@ -185,20 +185,20 @@ class FleetSimulator(Node):
         return self.get_clock().now().nanoseconds * 1e-9
 
     def _times_s(self) -> tuple[float, float]:
-        """Return the time since the start, which no clock that is set back turns back, and now."""
+        """Return the time since the start, which never goes back, and the present time."""
         stamp_s = self._now_s()
         self._start_s -= max(0.0, self._stamp_s - stamp_s)
         self._stamp_s = stamp_s
         return stamp_s - self._start_s, stamp_s
 
     def publish_measurements(self) -> None:
-        """Publish one reading of every sensor, and the truth, at the present time."""
+        """Publish one reading of every sensor and the truth."""
         times_s = self._times_s()
         self._outputs.publish(self._fleet.measurements(*times_s))
         self._outputs.publish([(TRUTH, self._fleet.ground_truth(*times_s))])
 
     def publish_odometry(self) -> None:
-        """Publish one sample of the odometry of every robot, at the present time."""
+        """Publish one sample of the odometry of every robot."""
         self._outputs.publish(self._fleet.odometry_messages(*self._times_s()))
 
 
