@@ -13,23 +13,23 @@ from dg_localization.interval import angles
 from dg_localization.interval.kernels import kernel
 from dg_localization.interval.rounding import elapsed_up, rounding_error, up
 
-# Plain Python calls the function, which never waits for a compiler.
+# Plain Python calls the original function, which never waits for a compiler.
 angle_up = kernel(angles.angle_up)
 
 _STEP_OPERATIONS = 16.0
-"""More than a step of `walk_back` takes."""
+"""More operations than a step of `walk_back` takes."""
 
 _AMONG, _AT_END, _BEYOND = range(3)
-"""Where a time is: among the samples, at the first or the last of them, or beyond."""
+"""The place of a time: among the samples, at the first or last sample, or beyond them."""
 
 
 @kernel(borrows=True)
 def _forward(turn_error_rad: float, along: float, across: float) -> float:
     """
-    Bound how far an error of a turn moves a point along one axis.
+    Bound the displacement of a point along one axis by an error of a turn.
 
     `along` and `across` are its coordinates on this axis and on the other before the turns in
-    between, which err by `turn_error_rad` at most.
+    between, which err by at most `turn_error_rad`.
     """
     return abs(across) + min(1.0, turn_error_rad) * abs(along)
 
@@ -47,14 +47,14 @@ def walk_back(
     turns: np.ndarray,
 ) -> None:
     """
-    Bound where samples of a track are, seen from the level frame of one of them.
+    Bound the samples of a track in the level frame of one of them.
 
     Parameters
     ----------
     positions : numpy.ndarray, shape (n, 3)
         In m, in the odometry frame.
     yaw : float
-        Of sample `last`, in rad.
+        The yaw of sample `last`, in rad.
     step_errors_m, step_errors_rad : numpy.ndarray, shape (n - 1,)
     then : numpy.ndarray of int, shape (m,)
         Samples up to `last`.
@@ -131,7 +131,7 @@ def _differences(
 
 @kernel(borrows=True)
 def _within(span: float, limit: float, reach: float, place: int) -> float:
-    """Return how far a robot may be from a sample: no farther than its limit lets it."""
+    """Return a bound of the motion of a robot from a sample, by samples and limit."""
     limited = up(limit * reach)
     by_limit = place == _BEYOND or (place == _AT_END and limited < math.inf)
     return limited if by_limit else min(span, limited)
@@ -152,10 +152,10 @@ def find_nearest(
     places: np.ndarray,
 ) -> None:
     """
-    Find the samples nearest to some times, and how far from them the robot may have been.
+    Find the samples nearest to some times, and bounds of the distance of the robot from them.
 
-    Between two samples it is no farther from either than they are apart, and these are no farther
-    apart than stated and what the steps err.
+    Between two samples the robot is no farther from either than their distance, which is at most
+    the stated one plus the error of the steps.
 
     Parameters
     ----------
@@ -167,17 +167,17 @@ def find_nearest(
     steps : numpy.ndarray, shape (3, n - 1)
         The greatest errors of every step in m and in rad, and 1 where samples are missing.
     limits : tuple of float
-        Speed in m/s, turn rate in rad/s, and latency in s: samples around a time reach from the
-        last one this much before it to the first one this much after it.
+        Speed in m/s, turn rate in rad/s, and latency in s: the samples around a time are those
+        from the last one before it by the latency to the first one after it by the latency.
     index : numpy.ndarray of int, shape (m,)
         Receives the nearest samples.
     offsets : numpy.ndarray, shape (3, m)
-        Receives the greatest differences from them: distance, yaw, angle of the rotation. What
-        the limits say of yaws counts in `limit_yaws`.
+        Receives the greatest differences from them: distance, yaw, angle of the rotation. Limits
+        of yaws are applied in `limit_yaws`.
     reaches : numpy.ndarray, shape (m,)
-        Receives how long the robot may have moved from them, in s.
+        Receives the time for which the robot may have moved from them, in s.
     places : numpy.ndarray of int, shape (m,)
-        Receives whether a time is among the samples, at an end of them, or beyond.
+        Receives whether a time is among the samples, at an end of them, or beyond them.
 
     """
     count = stamps.shape[0]
@@ -236,7 +236,7 @@ def _spans_around(
             spans[kind] = max(spans[kind], span)
         off_m, off_rad = up(off_m + steps[0, sample]), up(off_rad + steps[1, sample])
         missing = missing or steps[2, sample] > 0.0
-    # The true samples are farther apart than the stated ones by what the steps err.
+    # The true samples may be farther apart than stated, by the error of the steps.
     if off_m > 0.0:
         spans[0] = up(up(spans[0] + off_m) + up(off_rad * spans[0]))
     for kind in range(1, 3):
@@ -257,16 +257,16 @@ def limit_yaws(
     places: np.ndarray,
 ) -> None:
     """
-    Bound differences of yaws by how fast yaws can change; see `find_nearest`.
+    Bound differences of yaws by the greatest rate of yaws; see `find_nearest`.
 
     Parameters
     ----------
     spans : numpy.ndarray, shape (m,)
-        By the samples; the result takes their place.
+        Differences by the samples; replaced by the result.
     turn_rate : float
-        Of the body, in rad/s.
+        Turn rate of the body, in rad/s.
     steepness : numpy.ndarray, shape (m,)
-        How many times faster yaws can change.
+        Greatest ratio of the rate of yaws to it.
     reaches, places : numpy.ndarray, shape (m,)
 
     """

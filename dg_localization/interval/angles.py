@@ -23,10 +23,10 @@ from dg_localization.interval.rounding import step_up
 Number = TypeVar('Number', float, NDArray[np.float64])
 
 ANGLE_ROUNDING = 1e-14
-"""In rad for angles, a pure number for sines and cosines."""
+"""In rad for angles, dimensionless for sines and cosines."""
 
 LARGEST_ANGLE_RAD = 4.0 * math.pi
-"""Beyond it the double 2 pi is too far from a period; the sine is anything in [-1, 1] then."""
+"""For larger angles the double 2 pi is too far from a period: the sine is bounded by [-1, 1]."""
 
 
 def angle_up(angle_rad: Number) -> Number:
@@ -115,7 +115,7 @@ def arcsine_up(x: float) -> float:
 
 
 def chord_up(angle_rad: float) -> float:
-    """Return an upper bound of how far apart two unit vectors at an angle in [0, pi] are."""
+    """Return an upper bound of the distance of two unit vectors at an angle in [0, pi]."""
     return step_up(2.0 * (math.sin(0.5 * angle_rad) + ANGLE_ROUNDING))
 
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from dg_localization.interval.rounding import LARGEST, TINIEST, UNIT
 
-# As arrays: to make one of a Python number takes longer than a short sum.
+# Arrays, since converting a Python number to an array takes longer than a short sum.
 _UNIT, _TINIEST = np.array(UNIT), np.array(TINIEST)
 _LEAST, _MOST = np.array(-LARGEST), np.array(LARGEST)
 
@@ -116,20 +116,20 @@ class Interval:
         return Interval(np.maximum(down(low * low), 0.0), up(high * high))
 
     def sqrt(self) -> Interval:
-        """Return the roots; what is negative counts as zero."""
+        """Return the roots; negative numbers count as zero."""
         return Interval(
             np.maximum(down(np.sqrt(np.maximum(self.lower, 0.0))), 0.0),
             up(np.sqrt(np.maximum(self.upper, 0.0))),
         )
 
     def over(self, divisor: Interval) -> Interval:
-        """Return the quotients by intervals of non-negative numbers; by zero: the whole line."""
+        """Return the quotients by intervals of non-negative numbers; the whole line for zero."""
         with np.errstate(divide='ignore'):
             inverse = Interval(np.maximum(down(1.0 / divisor.upper), 0.0), up(1.0 / divisor.lower))
         return self * inverse
 
     def intersect(self, other: Interval) -> Interval:
-        """Return the common parts."""
+        """Return the intersections."""
         return Interval(np.maximum(self.lower, other.lower), np.minimum(self.upper, other.upper))
 
     def hull(self, other: Interval) -> Interval:

@@ -17,7 +17,7 @@ from dg_localization.interval.rounding import TINIEST, step_down, step_up
 
 
 def sum_up(*terms: float) -> float:
-    """Return an upper bound of a sum; infinite where a term is."""
+    """Return an upper bound of a sum; infinite if a term is."""
     if math.inf in terms:
         return math.inf
     total = terms[0]
@@ -27,7 +27,7 @@ def sum_up(*terms: float) -> float:
 
 
 def sum_down(*terms: float) -> float:
-    """Return a lower bound of a sum; minus infinity where a term is."""
+    """Return a lower bound of a sum; minus infinity if a term is."""
     if -math.inf in terms:
         return -math.inf
     total = terms[0]
@@ -88,7 +88,7 @@ def squared_distance(lower_m: float, upper_m: float) -> tuple[float, float]:
     Returns
     -------
     tuple of float
-        Bounds of its square in m^2; reversed where `upper_m` is negative, since no distance is.
+        Bounds of its square in m^2; reversed (empty) if `upper_m` is negative.
 
     """
     lower_m2 = square_down(max(lower_m, 0.0))
@@ -101,8 +101,8 @@ def elapsed_up(first_s: float, second_s: float) -> float:
     """
     Return an upper bound of the time between two stamps, in s.
 
-    A stamp of nanoseconds since 1970 does not fit a double: each may be half a unit off. So the
-    time between two equal numbers is not zero.
+    A stamp of nanoseconds since 1970 does not fit a double: each may be off by half a unit. So the
+    time between two equal numbers may be above zero.
 
     Parameters
     ----------

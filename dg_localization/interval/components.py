@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Which of some boxes are connected: kernels."""
+"""Connected components of boxes: kernels."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def _touch(first: np.ndarray, second: np.ndarray, period: float) -> bool:
 
 @kernel(borrows=True)
 def _first_of(parents: np.ndarray, index: int) -> int:
-    """Return the first box of the component of a box, and shorten the way to it."""
+    """Return the first box of the component of a box (with path compression)."""
     while parents[index] != index:
         parents[index] = parents[parents[index]]
         index = parents[index]
@@ -65,8 +65,8 @@ def components(boxes: np.ndarray, period: float = math.inf) -> list[np.ndarray]:
     """
     Return the boxes of each connected component, in the order of their first boxes.
 
-    Boxes of any coordinates, shape (k, 2, d), are connected where they have a point in common; the
-    last coordinate may be an angle that is the same again after a period.
+    Boxes of any coordinates, shape (k, 2, d), are connected if they have a point in common; the
+    last coordinate may be an angle with a period.
     """
     parents = np.arange(len(boxes))
     if len(boxes) < 2:

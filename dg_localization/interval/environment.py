@@ -5,9 +5,9 @@
 The floating-point environment that bounds rely on: round to nearest, gradual underflow.
 
 Both are settings of a thread, and every library in the process may change them: importing Codac
-makes the thread round upward, and libraries built with ``-ffast-math`` flush what underflows to
-zero. The outward steps of `rounding` prove nothing then. A thread inherits the settings of the
-one that starts it: the pool of a search is made inside the guard.
+makes the thread round upward, and libraries built with ``-ffast-math`` flush subnormal numbers to
+zero. The outward steps of `rounding` are not sound then. A thread inherits the settings of its
+parent: the pool of a search is made inside the guard.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from contextlib import contextmanager
 import ctypes
 import sys
 
-# Variables, so that the sums below are not computed when this is compiled.
+# Variables, so that the sums below are not folded at compile time.
 _one = 1.0
 _half_unit = 2.0**-53
 _quarter_unit = 2.0**-54
@@ -27,7 +27,7 @@ _DEFAULT = ctypes.c_void_p(-1)
 """FE_DFL_ENV, as the C libraries of Linux define it."""
 
 _ENVIRONMENT_BYTES = 256
-"""More than a fenv_t has anywhere."""
+"""More than the size of a fenv_t on any platform."""
 
 _REFUSAL = (
     'this thread does not round to nearest, or flushes underflow to zero, and could not be told '
@@ -53,13 +53,13 @@ def is_default() -> bool:
 @contextmanager
 def default_environment() -> Iterator[None]:
     """
-    Compute in the default environment, and leave the thread as it was; a decorator, too.
+    Use the default environment in a block or function, and restore the environment afterwards.
 
     Raises
     ------
     RuntimeError
-        If the environment is another one and cannot be changed, or is changed during the call, by
-        a callback for example.
+        If the environment is different and cannot be changed, or is changed during the call, for
+        example by a callback.
 
     """
     found = None

@@ -4,8 +4,8 @@
 """
 Numbers from outside as bounds in double precision, rounded outward.
 
-A double does not hold every integer beyond 2^53, long double, fraction or decimal. Rounded to the
-nearest double, such a bound may exclude the number that it bounds.
+Not every integer beyond 2^53, long double, fraction or decimal is a double. Such a bound, rounded
+to the nearest double, may exclude the number that it bounds.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ LARGEST_EXACT = 2**53
 
 def lower_bounds(values: ArrayLike) -> NDArray[np.float64]:
     """
-    Return the largest doubles that do not exceed some numbers.
+    Return the largest doubles that do not exceed given numbers.
 
     Parameters
     ----------
@@ -47,12 +47,12 @@ def lower_bounds(values: ArrayLike) -> NDArray[np.float64]:
 
 
 def upper_bounds(values: ArrayLike) -> NDArray[np.float64]:
-    """Return the least doubles that are not less than some numbers; see `lower_bounds`."""
+    """Return the least doubles that are not less than given numbers; see `lower_bounds`."""
     return _rounded(values, math.inf)
 
 
 def _rounded(values: ArrayLike, towards: float) -> NDArray[np.float64]:
-    """Return the doubles next to some numbers towards one of the infinities."""
+    """Return the doubles next to given numbers towards one of the infinities."""
     array = _as_array(values)
     if array.dtype.kind == 'f':
         return _round_floats(array, towards)
@@ -74,14 +74,14 @@ def _as_array(values: ArrayLike) -> NDArray:
     if hasattr(values, '__array__'):
         return np.asarray(values)
     try:
-        # NumPy alone would make doubles of whole numbers that stand beside doubles.
+        # NumPy would convert integers beside doubles to doubles.
         return np.array(values, dtype=object)
     except ValueError:
         raise ValueError('has rows of different lengths') from None
 
 
 def _are_exact(integers: NDArray) -> bool:
-    """Return whether integers are doubles, all of them."""
+    """Return whether all integers are exact doubles."""
     if integers.size == 0:
         return True
     return -LARGEST_EXACT <= int(integers.min()) and int(integers.max()) <= LARGEST_EXACT
@@ -99,7 +99,7 @@ def _round_floats(array: NDArray, towards: float) -> NDArray[np.float64]:
 
 
 def _is_number(value: object) -> bool:
-    """Return whether a value is a real number; truth values are none."""
+    """Return whether a value is a real number, not a truth value."""
     return isinstance(value, Real | Decimal) and not isinstance(value, bool)
 
 

@@ -5,11 +5,11 @@
 The folder in which numba keeps compiled kernels between processes.
 
 It is ``dg_localization/<digest>`` in ``$NUMBA_CACHE_DIR``, else in ``$XDG_CACHE_HOME``, else in
-``~/.cache``. Numba compiles a function anew when its own file changes, but not when a function or
-a constant of another file changes that was compiled into it. So the digest is that of the sources
-of all kernels and of what these import, and of the versions of Python, numba and NumPy.
+``~/.cache``. Numba recompiles a function if its own file changes, but not if a function or
+constant from another file changes that was compiled into it. So the digest covers the sources of
+all kernels and of their imports, and the versions of Python, numba and NumPy.
 
-What is loaded from the folder is run. A folder that another user could write to is refused.
+Code loaded from the folder is executed, so a folder that another user could write to is refused.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ except Exception:  # no numba, or one that cannot be imported here; `kernels` sa
 PACKAGE = Path(__file__).parents[1]
 IMPORT = re.compile(r'^from (dg_localization[\w.]*) import (?:\(([^)]*)\)|(.*))', re.MULTILINE)
 KEPT_FOLDERS = 8
-"""The folders of this many states of the sources are kept, the one in use included."""
+"""Number of folders, one for each state of the sources, that are kept."""
 
 
 class CacheRefusedError(Exception):
@@ -47,7 +47,7 @@ class CacheRefusedError(Exception):
 
 
 def open_folder() -> Path:
-    """Return the folder for these sources, made where it is missing, or `CacheRefusedError`."""
+    """Return the folder for these sources, made if missing; raise `CacheRefusedError`."""
     try:
         base = os.environ.get('NUMBA_CACHE_DIR') or os.environ.get('XDG_CACHE_HOME')
         root = (Path(base) if base else Path.home() / '.cache').resolve() / 'dg_localization'
@@ -65,10 +65,10 @@ def open_folder() -> Path:
 
 
 def _check_ownership(folder: Path) -> None:
-    """Raise `CacheRefusedError` if another user could have put something into a folder."""
+    """Raise `CacheRefusedError` if another user could have written to a folder."""
     if not hasattr(os, 'geteuid'):
         return
-    # Whoever owns the root of the file system, in a container perhaps not 0, owns the machine.
+    # The owner of the root of the file system, not always 0 in a container, is trusted.
     trusted = {os.geteuid(), 0, Path('/').stat().st_uid}
     for place in (folder, *folder.parents):
         found = place.stat()
@@ -79,7 +79,7 @@ def _check_ownership(folder: Path) -> None:
                 f'{os.geteuid()}, and what is loaded from there is run; set NUMBA_CACHE_DIR to a '
                 'folder of your own'
             )
-        # In a sticky folder such as /tmp others can add files, not replace those of the user.
+        # In a sticky folder such as /tmp others can add files, but not replace files of the user.
         sticky = not ours and found.st_mode & stat.S_ISVTX
         if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH) and not sticky:
             raise CacheRefusedError(
@@ -89,7 +89,7 @@ def _check_ownership(folder: Path) -> None:
 
 
 def _digest() -> str:
-    """Return the digest of all that a compiled kernel depends on."""
+    """Return the digest of everything that a compiled kernel depends on."""
     digest = hashlib.sha256(
         f'{platform.python_implementation()} {platform.python_version()}'.encode()
     )
@@ -104,7 +104,7 @@ def _digest() -> str:
 
 
 def kernel_sources() -> dict[Path, str]:
-    """Return the sources that hold kernels, and those that these import, constants included."""
+    """Return the sources that hold kernels, and the sources that these import."""
     sources = {path: path.read_text(encoding='utf-8') for path in PACKAGE.rglob('*.py')}
     imports = {
         path: [(module, re.findall(r'\w+', names + more)) for module, names, more in found]
@@ -132,7 +132,7 @@ def kernel_sources() -> dict[Path, str]:
 
 
 class KernelCache(FunctionCache):
-    """Numba's cache of one function; an entry that is damaged or not written costs time only."""
+    """Numba's cache of one function; a damaged or missing entry only costs time."""
 
     def __init__(
         self, function: Callable[..., Any], folder: Path, not_kept: Callable[[OSError], None]
@@ -147,7 +147,7 @@ class KernelCache(FunctionCache):
             raise OSError('numba keeps machine code where no digest dates it')
 
     def load_overload(self, *args: Any) -> Any:
-        """Return machine code that is kept, None where there is none or where it is damaged."""
+        """Return stored machine code; None if there is none or it is damaged."""
         try:
             return super().load_overload(*args)
         except Exception:  # unpickling damaged data raises almost anything
@@ -156,11 +156,11 @@ class KernelCache(FunctionCache):
             return None
 
     def save_overload(self, *args: Any) -> None:
-        """Keep machine code."""
-        # Numba reads the index, adds to it and writes it. Two processes at once would give one
-        # name to the machine code of two signatures.
+        """Store machine code."""
+        # Numba reads the index, adds to it and writes it. Two processes at once could use one name
+        # for the machine code of two signatures.
         try:
-            # Under load numba was seen to have no machine code left to write: RuntimeError.
+            # Under load numba sometimes has no machine code to write and raises RuntimeError.
             with self._alone(), suppress(RuntimeError):
                 super().save_overload(*args)
         except OSError as error:

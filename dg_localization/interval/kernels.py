@@ -2,17 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The one decorator of the numerical kernels: compiled by numba when it is installed.
+The decorator of all numerical kernels: compiled by numba if it is installed.
 
 A kernel is a plain scalar loop over arrays. With numba it becomes machine code that releases the
-interpreter lock; without it (or with ``NUMBA_DISABLE_JIT=1``) the very same function runs in
-Python. Both give the same bounds to the last bit: numba neither reorders nor fuses operations
-unless told to, and it is not told to.
+interpreter lock; without it (or with ``NUMBA_DISABLE_JIT=1``) the same function runs in Python.
+Both give the same bounds to the last bit: by default numba neither reorders nor fuses operations.
 
-Two options are used that numba does not document: ``_nrt``, without which kernels are slower (see
-`kernel`), and ``no_cfunc_wrapper``, without which they take an eighth longer to compile: nothing
-calls them through pointers of C. Where a version of numba does not have them, they are compiled
-without. What one kernel hands to another is typed without its value, which saves a tenth.
+Two undocumented options of numba are used: ``_nrt``, without which kernels are slower (see
+`kernel`), and ``no_cfunc_wrapper``, without which compilation takes an eighth longer: no kernel is
+called through a C pointer. Versions of numba without these options compile without them. Arguments
+between kernels are typed without their values, which saves a tenth of the time.
 """
 
 from __future__ import annotations
@@ -42,11 +41,11 @@ COMPILED = numba is not None and not numba.config.DISABLE_JIT
 """Whether kernels are machine code in this process."""
 
 WORK_PER_LOOK = 300_000 if COMPILED else 2_000
-"""About how many triples of points a kernel may reduce, or entries of arrays it may visit, between
-two looks at the clock."""
+"""Approximate number of triples of points that a kernel may reduce, or of array entries that it
+may visit, between two checks of the clock."""
 
 WORK_OF_A_STEP = WORK_PER_LOOK // 30
-"""The work that takes as long as a step of some calls of NumPy."""
+"""The work that takes as long as a step with a few calls of NumPy."""
 
 
 COMPILED_ANEW = 'Every process compiles the solver anew, for about two minutes'
@@ -57,7 +56,7 @@ class _Stopped(Exception):  # noqa: N818 (no error: it ends a block)
 
 
 class _Watch(threading.local):
-    """What tells the kernels of a thread to stop, and the work since it was asked."""
+    """The stop function of the kernels of a thread, and the work since its last call."""
 
     stopped: Callable[[], bool] | None = None
     work = 0
@@ -69,13 +68,12 @@ _watch = _Watch()
 @contextmanager
 def until(stopped: Callable[[], bool]) -> Iterator[None]:
     """
-    Leave a block early, in the middle of a kernel, when `stopped` returns true.
+    Leave a block early, even inside a kernel, when `stopped` returns true.
 
-    Compiled kernels are never left; they return soon enough (`WORK_PER_LOOK`), and what calls them
-    in a loop asks between them (`look_after`). Without numba one call may take seconds, and
-    kernels marked `watched` ask before they begin. What was being written to is then partly
-    written: scratch arrays are of no more use, and once `stopped` returns true it has to go on
-    doing so.
+    Compiled kernels are never left; they return soon enough (`WORK_PER_LOOK`), and loops over them
+    check the clock in between (`look_after`). Without numba one call may take seconds, and kernels
+    marked `watched` check before they begin. Arrays may then be partly written and must not be
+    used any more, and `stopped` must keep returning true.
 
     Parameters
     ----------
@@ -95,12 +93,12 @@ def until(stopped: Callable[[], bool]) -> Iterator[None]:
 
 def look_after(work: int) -> None:
     """
-    Leave a block of `until` where it is over; the clock is read once every `WORK_PER_LOOK`.
+    Leave a block of `until` if its time is over; check the clock once every `WORK_PER_LOOK`.
 
     Parameters
     ----------
     work : int
-        About how many entries of arrays were visited since the last call.
+        Approximate number of array entries visited since the last call.
 
     """
     _watch.work += work
@@ -126,7 +124,7 @@ def _watched(function: Function) -> Function:
 @dataclass(frozen=True)
 class CompileProgress:
     """
-    How many kernels this process has compiled so far; those loaded from the cache do not count.
+    The number of kernels compiled by this process so far, without kernels loaded from the cache.
 
     Attributes
     ----------
@@ -142,7 +140,7 @@ class CompileProgress:
 
 
 def compile_progress() -> CompileProgress:
-    """Return how far compiling has come; any thread may ask while another one compiles."""
+    """Return the progress of compilation; any thread may call this while another one compiles."""
     compiled = sum(bool(dispatcher.stats.cache_misses) for dispatcher in _dispatchers)
     return CompileProgress(compiled, len(_dispatchers))
 
@@ -159,7 +157,7 @@ def compiled_soon() -> Iterator[None]:
 
 
 def why_slow() -> str:
-    """Return why kernels run in Python and what to do about it; empty when they are compiled."""
+    """Return why kernels run in Python and what to do about it; empty if they are compiled."""
     if COMPILED:
         return ''
     slow = 'the solver runs in Python, more than 100 times slower than compiled'
@@ -171,28 +169,28 @@ def why_slow() -> str:
 
 
 def why_not_kept() -> str:
-    """Return why compiled kernels are not kept for the next process; empty when they are."""
+    """Return why compiled kernels are not kept for the next process; empty if they are."""
     return _cache_refusal
 
 
 def cache_folder() -> Path | None:
-    """Return where compiled kernels are kept, None where they are not."""
+    """Return the folder of compiled kernels; None if they are not kept."""
     return _folder
 
 
 def _compile(function: Function, borrows: bool, inlined: bool) -> Function:
     """Return `function` as a lazily compiled numba kernel, kept on disk where possible."""
-    # Every kernel sets these itself: what one does not set it takes over from its caller.
+    # Every kernel sets these options, since it would inherit unset ones from its caller.
     options = {'nogil': True, 'error_model': 'numpy', 'forceinline': inlined}
     undocumented = {'_nrt': not borrows, 'no_cfunc_wrapper': True}
     options |= {name: value for name, value in undocumented.items() if _has_option(name)}
     dispatcher = numba.njit(**options)(function)
     of_types = dispatcher.get_call_template
-    # Else each constant that a kernel hands over is a type of its own, with its own machine code.
+    # Otherwise each constant argument would be a separate type with separate machine code.
     dispatcher.get_call_template = lambda arguments, named: of_types(
         tuple(map(numba.types.unliteral, arguments)), named
     )
-    # Without a source file or a folder the kernel is compiled anew in every process.
+    # Without a source file or a folder the kernel is compiled in every process.
     if _folder is not None:
         with suppress(AttributeError, OSError, RuntimeError):
             dispatcher._cache = KernelCache(function, _folder, _not_kept)
@@ -242,19 +240,19 @@ def kernel(
     Parameters
     ----------
     function : callable
-        The function, where the decorator is used without parentheses.
+        The function, if the decorator is used without parentheses.
     borrows : bool, optional
         The kernel only borrows arrays: it neither makes nor returns any. Numba counts a reference
-        to every array that a function is given, even within a tuple, by two atomic operations: a
-        third of the time of a contraction. What is only borrowed need not be counted. Views are
-        fine. A kernel that calls `np.empty` or the like does not compile; one that is handed a
-        new array by a kernel it calls would never free it.
+        to every array argument, even within a tuple, by two atomic operations, which take a third
+        of the time of a contraction. Borrowed arrays need no count. Views are fine. A kernel that
+        calls `np.empty` or the like does not compile; one that gets a new array from a kernel it
+        calls would never free it.
     inlined : bool, optional
-        The kernel borrows, and becomes part of the kernels that call it. For short ones with many
-        arguments: numba hands over an array as ten numbers, on the stack.
+        The kernel borrows, and is inlined into its callers. For short kernels with many arguments:
+        numba passes an array as ten numbers on the stack.
     watched : bool, optional
-        The kernel takes milliseconds in Python and is called in a loop: where it runs in Python,
-        `until` can end it. Compiled, it is as any other.
+        The kernel takes milliseconds in Python and is called in a loop: in Python, `until` can end
+        it. Compiled, it is an ordinary kernel.
 
     Returns
     -------

@@ -43,8 +43,8 @@ def step_down(x: float) -> float:
     return x - (abs(x) * UNIT + TINIEST)
 
 
-# The kernels have names of their own: plain Python calls the functions above, which never wait
-# for a compiler.
+# The kernels have separate names: plain Python calls the functions above, which never wait for a
+# compiler.
 up = kernel(step_up)
 down = kernel(step_down)
 
@@ -63,7 +63,7 @@ def square_down(x: float) -> float:
 
 @kernel
 def sqrt_up(x: float) -> float:
-    """Return an upper bound of the root of `x`, or zero where `x` is not positive."""
+    """Return an upper bound of the root of `x`, or zero if `x` is not positive."""
     return up(math.sqrt(x)) if x > 0.0 else 0.0
 
 
@@ -100,5 +100,5 @@ def elapsed_up(first: float, second: float) -> float:
 
 @kernel
 def sqrt_down(x: float) -> float:
-    """Return a lower bound of the root of `x`, or zero where `x` is not positive."""
+    """Return a lower bound of the root of `x`, or zero if `x` is not positive."""
     return max(0.0, down(math.sqrt(x))) if x > 0.0 else 0.0

@@ -4,11 +4,11 @@
 """
 Elementary operations on intervals, rounded outward.
 
-An interval is its two ends, `low` and `high`, as in IEEE 1788-2015 (set-based flavour): the closed
-set of the real numbers between them, so that an infinite end is a bound that is missing and never
-a number of the set. The empty set is (inf, -inf), what any operation makes of an empty operand;
-an operand with ``low > high`` counts as empty. An end is never NaN, a low one never +inf and a
-high one never -inf but in the empty set; signed zeros are equal.
+An interval is given by its two ends, `low` and `high`, as in IEEE 1788-2015 (set-based flavour):
+the closed set of the real numbers between them. An infinite end is a missing bound, never a number
+of the set. The empty set is (inf, -inf), the result of any operation on an empty operand; an
+operand with ``low > high`` counts as empty. Ends are never NaN; except in the empty set, a low end
+is never +inf and a high end never -inf. Signed zeros are equal.
 
 Each operation contains the standard's tightest interval and exceeds it by at most two units in the
 last place at either end, zero by the least positive number, and an end near the least normal
@@ -27,7 +27,7 @@ from dg_localization.interval.rounding import down, sqrt_down, sqrt_up, square_d
 
 @kernel
 def intersection(a_low: float, a_high: float, b_low: float, b_high: float) -> tuple[float, float]:
-    """Return what two intervals have in common."""
+    """Return the intersection of two intervals."""
     low, high = max(a_low, b_low), min(a_high, b_high)
     if low > high:
         return math.inf, -math.inf
@@ -60,7 +60,7 @@ def sub(a_low: float, a_high: float, b_low: float, b_high: float) -> tuple[float
 
 @kernel
 def _times(x: float, y: float) -> float:
-    """Multiply two ends: however large the other is, zero times a real number is zero."""
+    """Multiply two ends, where zero times an infinite end is zero."""
     return x * y if x != 0.0 and y != 0.0 else 0.0
 
 
@@ -90,7 +90,7 @@ def square(low: float, high: float) -> tuple[float, float]:
 
 @kernel
 def sqrt(low: float, high: float) -> tuple[float, float]:
-    """Bound the roots of the x that are not negative."""
+    """Bound the square roots of the nonnegative x."""
     if low > high or high < 0.0:
         return math.inf, -math.inf
     return sqrt_down(low), sqrt_up(high)

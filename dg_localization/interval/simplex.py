@@ -4,14 +4,14 @@
 """
 Multipliers for bounds of linear functions: linear programs, by the dual simplex method.
 
-Every row bounds a linear function of the unknowns on both sides. One table writes the
-unknowns in terms of as many *active* rows as there are unknowns, and the function to be bounded,
-whose row then holds multipliers; other rows follow from those of their unknowns when they are
-asked for. Rows are bounded on both sides, so any choice of active ones is dual feasible: there is
-no first phase, each exchange improves the bound, and the method may stop after any of them. The
-row that leaves its bounds farthest, as a displacement along its gradient, is exchanged next;
-steepest edges would take hardly fewer exchanges and cost more than they save. Nothing here is
-rounded outward, because any multipliers give a bound.
+Every row bounds a linear function of the unknowns on both sides. One table expresses the unknowns
+and the function to be bounded in terms of as many *active* rows as there are unknowns; the row of
+the function then holds multipliers. Other rows follow from the rows of their unknowns on demand.
+Rows are bounded on both sides, so any choice of active rows is dual feasible: there is no first
+phase, each exchange improves the bound, and the method may stop after any exchange. The row that
+violates its bounds most, as a displacement along its gradient, is exchanged next; steepest-edge
+pricing would save few exchanges and cost more. Nothing here is rounded outward, because any
+multipliers give a bound.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ LOW, HIGH = 0, 1
 MOST_EXCHANGES = 60
 
 SMALLEST_WIDTH = 1e-13
-"""What is bounded exactly counts as having this relative width, so that weights stay finite."""
+"""Least relative width of a row, so that weights stay finite for exact bounds."""
 
 LEAST_ENTRY = 1e-7
 """An entry below this fraction of the largest in its row is no pivot."""
 
 PERTURBATION = 1e-5
-"""Of a row, relatively, while it is improved: many of its entries are zero, and ties may cycle."""
+"""Relative perturbation of a row during its optimization: its many zeros make ties that cycle."""
 
 GOLDEN = 0.6180339887
 
@@ -42,17 +42,17 @@ GOLDEN = 0.6180339887
 class LinearPrograms(NamedTuple):
     """The linear programs of m rows in f unknowns."""
 
-    slopes: np.ndarray  # (f, m): by unknowns, so that many rows are multiplied at once
+    slopes: np.ndarray  # (f, m): unknowns first, so that many rows are multiplied at once
     bounds: np.ndarray  # (m, 2): lower and upper bounds of the rows
     scales: np.ndarray  # (m,): one over the length of the gradient
     table: np.ndarray  # (f + 2, f): unknowns, the function, and the function without ties
     active: np.ndarray  # (f,)
-    values: np.ndarray  # (m,): of the rows where the active ones are at their bounds
+    values: np.ndarray  # (m,): values of the rows with the active ones at their bounds
 
 
 @kernel
 def new_programs(slopes: np.ndarray, bounds: np.ndarray) -> LinearPrograms:
-    """Return the linear programs of some rows; the last ones, one for each unknown, are active."""
+    """Return the linear programs of rows; the last rows, one for each unknown, are active."""
     n_unknowns, n_rows = slopes.shape
     scales = np.zeros(n_rows)
     for m in range(n_rows):
@@ -70,7 +70,7 @@ def new_programs(slopes: np.ndarray, bounds: np.ndarray) -> LinearPrograms:
 def _exchange(
     table: np.ndarray, active: np.ndarray, entries: np.ndarray, row: int, column: int
 ) -> None:
-    """Make a row, which has some entries, active in place of the one of a column."""
+    """Make a row with given entries active in place of the active row of a column."""
     n_rows, n_columns = table.shape
     pivot = entries[column]
     for x in range(n_rows):
@@ -98,7 +98,7 @@ def activate_well_known(programs: LinearPrograms) -> bool:
     """
     Make rows with narrow bounds active, before any function is bounded.
 
-    False when the rows do not determine the unknowns.
+    Return False if the rows do not determine the unknowns.
     """
     table, active = programs.table, programs.active
     bounds, n_rows, n_unknowns = programs.bounds, len(programs.bounds), len(active)
@@ -128,7 +128,7 @@ def activate_well_known(programs: LinearPrograms) -> bool:
 def _leaving_row(
     programs: LinearPrograms, displaced: np.ndarray, tolerance: float, widest: float
 ) -> int:
-    """Return the row that leaves its bounds farthest, -1 where none does clearly."""
+    """Return the row that violates its bounds most, -1 if none does clearly."""
     bounds, values = programs.bounds, programs.values
     values[:] = 0.0
     for unknown in range(len(displaced)):
@@ -153,7 +153,7 @@ def _entering_column(
     programs: LinearPrograms, entries: np.ndarray, side: float, slope: float, ratios: np.ndarray
 ) -> int:
     """
-    Return which column to exchange for a violated row: where the bound is lowest along its line.
+    Return the column to exchange for a violated row: where the bound is lowest along its line.
 
     The bound is convex and piecewise linear along the line; `slope` is its first slope, and each
     entry of the last row that changes its sign makes it steeper.
@@ -185,7 +185,7 @@ def _entering_column(
 
 @kernel(borrows=True)
 def _move_to_vertex(programs: LinearPrograms, vertex: np.ndarray, displaced: np.ndarray) -> None:
-    """Move active rows to the bounds where their multipliers have them, and the unknowns."""
+    """Move active rows to the bounds given by their multipliers, and the unknowns with them."""
     table = programs.table
     n_unknowns = len(vertex)
     for c in range(n_unknowns):
@@ -203,7 +203,7 @@ def find_multipliers(programs: LinearPrograms, tolerance: float) -> None:
     """
     Find the multipliers of the active rows that bound the function of the table from above.
 
-    Rows may leave their bounds by a fraction of their widths, the tolerance.
+    Rows may violate their bounds by the tolerance, a fraction of their widths.
     """
     table, active = programs.table, programs.active
     n_unknowns = len(active)

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Poses of bodies from everything they measured of each other.
+Poses of bodies from the readings between them.
 
-Set inversion over a window of readings that odometry carries to now. Knows no fleet and no ROS.
+Set inversion over a window of readings that odometry carries to now, without fleets and ROS.
 """
 
 from dg_localization.poses.blame import find_suspects

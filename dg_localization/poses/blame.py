@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Which readings of a window are to blame where not all of them agree.
+Suspects among the readings of a window that do not all agree.
 
-A set that tolerates k wrong readings is covered by boxes. The readings that rule out all of a box
-are wrong if the poses of the two bodies are in it: in the box that holds the true ones, only wrong
-readings do so. The smallest such sets are the suspects.
+A set that tolerates k wrong readings is covered by boxes. Readings that rule out a whole box are
+wrong if the true poses are in it: in the box that holds the true poses, only wrong readings do so.
+The smallest such sets of readings are the suspects.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from dg_localization.poses.readings import PairReadings
 from dg_localization.poses.search import PairOptions, cover_poses
 
 FEW_BOXES = 64
-"""Boxes in which all readings may agree are looked at more closely, but not for long."""
+"""Most boxes of the search that checks whether all readings agree in a box."""
 
 CHUNK = 64
-"""Boxes looked at together."""
+"""Boxes examined together."""
 
 
 @kernel
 def rule_out(boxes: np.ndarray, table: np.ndarray, ruled_out: np.ndarray) -> None:
     """
-    Find which readings rule out all of which boxes.
+    Find which readings rule out which whole boxes.
 
     Parameters
     ----------
@@ -59,31 +59,31 @@ def find_suspects(
     readings: PairReadings, cover: Cover, *, stopped: Callable[[], bool] = lambda: False
 ) -> NDArray[np.intp]:
     """
-    Return the readings that explain why not all of them agree.
+    Return readings that explain why not all readings agree.
 
     Parameters
     ----------
     readings : PairReadings
     cover : Cover
-        Of the poses that all but some number of them allow.
+        The poses that all but a tolerated number of readings allow.
     stopped : callable, optional
-        Asked between bounded steps; once it is true, what is not proved by then is not said.
+        Called between bounded steps; when it returns true, only results proved so far are used.
 
     Returns
     -------
     numpy.ndarray of int
-        Indices into the readings, ascending; empty where it is not proved that some contradict
-        the others. Otherwise some reading is wrong, and with as many wrong readings as the cover
-        tolerates, all that rule out the box of the true poses are among them, unless some of these
-        alone rule out another box. Where only several together rule out that box, none of them
-        need be: a reading that is off by little more than its bound may not be named.
+        Indices into the readings, ascending; empty if no contradiction between them is proved.
+        Otherwise some reading is wrong. If at most as many are wrong as the cover tolerates, the
+        result holds all readings that rule out the box of the true poses, unless another box is
+        ruled out by only a part of them. Readings that rule out that box only in combination may
+        be missing: a reading that exceeds its bound by little may not be named.
 
     """
     table = readings.table
     ruled_out = np.zeros((len(cover), len(readings)), np.bool_)
     parts = math.ceil(len(cover) / CHUNK)
     for part in range(parts):
-        # Spread over the cover: where all agree somewhere, the first part mostly shows it.
+        # Spread over the cover: if all agree somewhere, the first part usually shows it.
         chosen = slice(part, None, parts)
         boxes, found = np.ascontiguousarray(cover.boxes[chosen]), ruled_out[chosen].copy()
         rule_out(boxes, table, found)
@@ -92,14 +92,14 @@ def find_suspects(
             return np.empty(0, np.intp)
     sets = np.unique(ruled_out[ruled_out.any(axis=1)], axis=0)
     sizes = sets.sum(axis=1)
-    # A set is smallest where no other is a part of it: they share as many as the other has.
+    # A set contains another if both share as many readings as the other has.
     shared = sets.astype(np.int64) @ sets.T.astype(np.int64)
     contains = (shared == sizes[None]) & (sizes[None] < sizes[:, None])
     return np.flatnonzero(sets[~contains.any(axis=1)].any(axis=0))
 
 
 def _agree_within(readings: PairReadings, boxes: np.ndarray, stopped: Callable[[], bool]) -> bool:
-    """Return whether all readings may agree somewhere in some boxes."""
+    """Return whether all readings may agree somewhere in the boxes."""
     if not len(boxes):
         return False
     options = PairOptions(max_boxes=max(FEW_BOXES, 2 * len(boxes)))

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Since when the readings of a pair agree: what is known when its set of poses runs empty."""
+"""The number of newest readings of a pair that agree, if its pose set is empty."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dg_localization.poses.readings import PairReadings
 from dg_localization.poses.search import PairOptions, cover_poses
 
 FEW_BOXES = 500
-"""Mostly a set shows that it is empty before there are many boxes."""
+"""Most boxes of a search: usually few suffice to show that a set is empty."""
 
 
 def count_agreeing(
@@ -27,9 +27,8 @@ def count_agreeing(
     """
     Count the newest readings that agree with each other, and with the odometries since.
 
-    More readings leave fewer poses: the first number of them that leaves none is found by halving.
-    Where readings are sound, an odometry broke its bounds after the oldest reading that makes
-    the set empty, or that reading is wrong.
+    More readings leave fewer poses: bisection finds the least number that leaves none. Either the
+    oldest of these readings is wrong, or an odometry violated its bounds after it.
 
     Parameters
     ----------
@@ -39,13 +38,13 @@ def count_agreeing(
     height_m : tuple of float, optional
         As for `cover_poses`.
     stopped : callable, optional
-        Asked between bounded steps; what is not proved to disagree counts as agreeing.
+        Called between bounded steps; readings not proved to disagree count as agreeing.
 
     Returns
     -------
     int
-        The most of the newest readings that are not proved to contradict each other. Below
-        ``len(readings)``, the reading with this index is the first that contradicts newer ones.
+        The greatest number of newest readings that are not proved to contradict each other. If it
+        is below ``len(readings)``, the reading with this index contradicts newer ones.
 
     """
     options = replace(options or PairOptions(), max_boxes=FEW_BOXES)

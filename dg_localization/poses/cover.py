@@ -20,10 +20,10 @@ from dg_localization.poses.readings import PastPoses
 from dg_localization.poses.turns import HALF_TURN_UP, TURN, principal, turned
 
 WIDEST_YAW_RAD = TURN / 16.0
-"""Cuts are sharp to second order in the yaw: a search starts with boxes no wider than this."""
+"""Widest yaw of the boxes at the start of a search: cuts are sharp to second order in the yaw."""
 
 CARRIED_YAW_RAD = TURN / 80.0
-"""Of boxes that are carried: a step swings over the yaw of a box, and so widens it."""
+"""Widest yaw of carried boxes: the yaw of a box swings a step, which widens the box."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,8 @@ class Cover:
         Lower and upper bounds of x, y, z in m and yaw in rad. Yaws are angles: a box may reach
         beyond pi.
     refined : bool
-        Whether every box is as small as was asked; false where time or the number of boxes ran
-        out. The cover is complete either way.
+        Whether every box is as small as requested; false if the time or the number of boxes ran
+        out. The cover is complete in either case.
 
     """
 
@@ -50,7 +50,7 @@ class Cover:
 
     @property
     def empty(self) -> bool:
-        """Whether no pose is left, which proves that a measurement or a bound is wrong."""
+        """Whether no pose is left, which proves a wrong measurement or bound."""
         return len(self.boxes) == 0
 
     @property
@@ -63,14 +63,14 @@ class Cover:
         lower, upper = self.boxes[:, LOW], self.boxes[:, HIGH]
         position = np.asarray(position_m, dtype=float)
         near = np.all((lower[:, :YAW] <= position) & (position <= upper[:, :YAW]), axis=-1)
-        # How far counterclockwise of the lower end, and of just below it.
+        # The angle counterclockwise from just below the lower end, and the width of the box.
         beyond = np.remainder(angle_up(yaw_rad - lower[:, YAW]), TURN)
         width = angle_up(angle_up(upper[:, YAW] - lower[:, YAW]))
         return bool(np.any(near & (beyond <= width)))
 
     @cached_property
     def components(self) -> tuple[Cover, ...]:
-        """The parts that do not touch each other, those with most volume first."""
+        """The parts that do not touch each other, largest volume first."""
         parts = [Cover(self.boxes[some], self.refined) for some in components(self.boxes, TURN)]
         return tuple(sorted(parts, key=lambda part: -part.volume))
 
@@ -90,17 +90,17 @@ class Cover:
 
     @cached_property
     def yaw_rad(self) -> tuple[float, float]:
-        """The shortest arc around all yaws, counterclockwise; of a cover that is not empty."""
+        """The shortest arc around all yaws, counterclockwise; the cover must not be empty."""
         return arc_around(self.boxes[:, LOW, YAW], self.boxes[:, HIGH, YAW])
 
     def carried(
         self, step: PastPoses, ball_m: float, back: PastPoses | None, in_plane: bool
     ) -> Cover | None:
         """
-        Return the cover after both bodies have moved along their tracks, None where not bounded.
+        Return the cover after both bodies have moved along their tracks; None if unbounded.
 
-        `step` is where B is, seen from where it was, off by another `ball_m` in any direction;
-        `back` is where A was, seen from where it is, None where it has not moved.
+        `step` is the pose of B relative to its earlier pose, with a further error of `ball_m` in
+        any direction; `back` is the earlier pose of A relative to its pose now, None at rest.
         """
         lower, upper = self.boxes[:, LOW], self.boxes[:, HIGH]
         yaw = Interval(lower[:, YAW], upper[:, YAW])
@@ -125,9 +125,9 @@ class Cover:
 
     def coarsened(self, max_boxes: int) -> Cover:
         """
-        Return a cover of at most `max_boxes` boxes, or a few per component, around these.
+        Return a cover of at most `max_boxes` boxes, or a few per component, around these boxes.
 
-        Its boxes do not overlap, as those of a cover that was moved do.
+        Its boxes do not overlap, unlike the boxes of a carried cover.
         """
         parts = [
             _gridded(part.boxes, int(max_boxes * len(part) / len(self)))
@@ -137,11 +137,11 @@ class Cover:
 
 
 def arc_around(lower: np.ndarray, upper: np.ndarray) -> tuple[float, float]:
-    """Return the shortest arc that holds all of some arcs; its lower end is within a half turn."""
+    """Return the shortest arc that holds all given arcs; its lower end is within a half turn."""
     start = np.remainder(lower, TURN)
     order = np.argsort(start)
     lower, upper = angle_down(start)[order], angle_up(angle_up(start + (upper - lower)))[order]
-    # An arc that goes on beyond a full turn covers the first ones again.
+    # An arc that wraps around covers the first ones again.
     reached = np.maximum.accumulate(np.maximum(upper, upper.max() - TURN))
     gaps = np.append(lower[1:] - reached[:-1], lower[0] + TURN - reached[-1])
     widest = int(np.argmax(gaps))
@@ -155,7 +155,7 @@ def arc_around(lower: np.ndarray, upper: np.ndarray) -> tuple[float, float]:
 
 
 def _gridded(boxes: np.ndarray, max_boxes: int) -> np.ndarray:
-    """Return what the cells of a grid have in common with the boxes of one component."""
+    """Return the hulls of the parts of boxes of one component in the cells of a grid."""
     boxes = _unrolled(boxes)
     low, high = boxes[:, LOW].min(axis=0), boxes[:, HIGH].max(axis=0)
     slices = math.ceil((high[YAW] - low[YAW]) / CARRIED_YAW_RAD)
@@ -172,7 +172,7 @@ def _gridded(boxes: np.ndarray, max_boxes: int) -> np.ndarray:
 
 
 def _unrolled(boxes: np.ndarray) -> np.ndarray:
-    """Return the boxes with their yaws in one piece, whole turns added where the arc needs it."""
+    """Return the boxes with their yaws unwrapped to one connected interval."""
     start = arc_around(boxes[:, LOW, YAW], boxes[:, HIGH, YAW])[0]
     turns = np.floor((boxes[:, LOW, YAW] - start) / TURN)
     unrolled = boxes.copy()

@@ -2,22 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What one reading rules out of a box of poses: kernels.
+Cuts of a box of poses by one reading: kernels.
 
 The pose (p, yaw) of a body puts its point a at p + R(yaw) a. A reading relates the point a of
 body A to the point b of body B by w, the way from the first to the second: its length is a
-distance, its direction a ray. Both are half-spaces of w, or are bounded by one within a box:
+distance, its direction a ray. Both are half-spaces of w, or bounded by one within a box:
 
 - |w| <= d: u.w <= d for every unit vector u;
 - |w| >= d: within a box, w strays from u's line by T at most, and (u.w)^2 >= d^2 - T^2;
-- |w| - |r| within bounds, with r the way to another point of the body of w's end: |w| is at least
+- |w| - |r| within bounds, with r the way to another point on the body of w's end: |w| is at least
   u.w, and at most T^2 / (2 |w|) more for the direction u of w from which it strays by T;
 - w within an angle eta of a unit vector n: (sin(eta) n + cos(eta) t).w >= 0 for every unit vector
   t perpendicular to n (eta < pi/2), where n and t turn with the body that measured the ray.
 
-To first order a half-space of w is one of the poses about the center of the box; what is left of
-the rotations is bounded by their second and third derivatives. Cutting the box with it is sharp to
-second order, so few boxes have to be halved.
+To first order a half-space of w is a half-space of the poses about the center of the box; the
+remainder of the rotations is bounded by their second and third derivatives. Such a cut is sharp to
+second order, so few boxes must be halved.
 """
 
 from __future__ import annotations
@@ -64,18 +64,18 @@ REFERENCE_RADIUS, REFERENCE_ERROR_RADIUS = 42, 43
 COLUMNS = 44
 
 NO_RAY, BY_A, BY_B = 0.0, 1.0, 2.0
-"""Who measured the ray of a reading, or the difference of two distances."""
+"""The observer of the ray of a reading, or of the difference of two distances."""
 
 # Between these lengths a normalized vector has length 1 to within a few units, and nothing
-# overflows. Longer ones say nothing.
+# overflows. Longer vectors bound nothing.
 STEEP = 1e-3
 """A direction whose level part is below this has no direction across it in the plane."""
 
 _SHORTEST = 1e-140
 LONGEST = 1e140
 
-# The vector w at the center of the box: itself, the parts that turn with the two bodies, its
-# length, a bound of all absolute terms in it anywhere in the box, and how far it strays there.
+# The vector w at the center of the box: itself, its parts that turn with the two bodies, its
+# length, a bound of its absolute terms anywhere in the box, and of its deviation there.
 W, TURNED_A, TURNED_B, NORM, MAGNITUDE, BALL = 0, 3, 5, 7, 8, 9
 W_SIZE = 10
 
@@ -84,7 +84,7 @@ W_SIZE = 10
 def _error_along(
     body: np.ndarray, row: np.ndarray, error: int, cx: float, cy: float, cz: float
 ) -> float:
-    """Bound what the error of the point of a body adds to c.w anywhere in the box."""
+    """Bound the contribution of the error of a point of a body to c.w anywhere in the box."""
     along_x = body[COSINE] * cx + body[SINE] * cy
     along_y = body[COSINE] * cy - body[SINE] * cx
     drift = body[HALF + YAW] * (abs(cx) + abs(cy)) * (row[error] + row[error + 1])
@@ -101,9 +101,9 @@ def _stray(
     view: np.ndarray, bodies: tuple[int, int], w: np.ndarray, ux: float, uy: float, uz: float
 ) -> float:
     """
-    Bound how far w strays within the box from the line along the unit vector u.
+    Bound the distance of w within the box from the line along the unit vector u.
 
-    Across u it has a level part, and one in the upright plane of u.
+    It has a level part across u, and a part in the vertical plane of u.
     """
     a, b = view[bodies[0]], view[bodies[1]]
     level = math.sqrt(ux * ux + uy * uy)
@@ -123,10 +123,10 @@ def distance_half_spaces(
     view: np.ndarray, bodies: tuple[int, int], row: np.ndarray, w: np.ndarray
 ) -> tuple[bool, tuple[float, float, float, float, float], float, float, float]:
     """
-    Return whether a distance is the measured one all over a box, and half-spaces that bound it.
+    Return whether a distance is within its bounds all over a box, and half-spaces that bound it.
 
-    These are their slopes and reach, and the room of what is at most as far as measured, and, with
-    the slopes reversed, of what is as far at least; infinite where it says nothing.
+    These are their slopes and reach, and the room of the upper bound and, with reversed slopes, of
+    the lower bound of the distance; infinite where it bounds nothing.
     """
     a, b = bodies
     norm, ball, nearest, farthest = w[NORM], w[BALL], row[NEAREST], row[FARTHEST]
@@ -175,7 +175,7 @@ def _cut_distance(
     row: np.ndarray,
     w: np.ndarray,
 ) -> int:
-    """Cut off where the distance of the two points is not the measured one."""
+    """Cut off the poses whose distance of the two points is outside its bounds."""
     settled, slopes, reach, far, near = distance_half_spaces(view, bodies, row, w)
     if settled:
         return SETTLED
@@ -205,7 +205,7 @@ def _cut_side(
     cz: float,
 ) -> int:
     """
-    Cut off what violates c.v <= 0, where v is the way to the target as the observer sees it.
+    Cut off the poses that violate c.v <= 0, where v is the target in the frame of the observer.
 
     With the origin o and the yaw of the observer it is (R(yaw) c).(target - o) - c.sensor: both
     factors of the product move. Their changes multiplied are bounded by `drift`.
@@ -257,7 +257,7 @@ def _cut_ray(
     row: np.ndarray,
     w: np.ndarray,
 ) -> int:
-    """Cut off where the target is not within the cone about the measured ray."""
+    """Cut off the poses whose target is outside the cone about the measured ray."""
     by_a = row[OBSERVER] == BY_A
     observer = bodies[0] if by_a else bodies[1]
     sign = 1.0 if by_a else -1.0
@@ -298,7 +298,7 @@ def _cut_ray(
 
 @kernel(inlined=True)
 def _bent(norm: float, stray: float) -> float:
-    """Bound |v| - u.v, where v strays by `stray` from u times `norm`."""
+    """Bound |v| - u.v, where v deviates by `stray` from u times `norm`."""
     if stray < 2.0 * norm:
         return up(up(square_up(stray) / norm) * 0.5)
     return 2.0 * stray
@@ -315,10 +315,10 @@ def _cut_difference(
     w: np.ndarray,
 ) -> int:
     """
-    Cut off where the difference of two distances is not the measured one.
+    Cut off the poses whose difference of two distances is outside its bounds.
 
-    With unit vectors u and v along the ways to the target and to the reference at the center of
-    the box, it is that of u.(way to the target) and v.(way to the reference), up to `_bent`.
+    With unit vectors u and v to the target and to the reference at the center of the box, it is
+    u.(vector to the target) - v.(vector to the reference), up to `_bent`.
     """
     by_a = row[HEARD_BY] == BY_A
     observer, far = bodies if by_a else (bodies[1], bodies[0])
@@ -379,7 +379,7 @@ def _cut_difference(
 
 @kernel(inlined=True)
 def place_ends(view: np.ndarray, bodies: tuple[int, int], row: np.ndarray, w: np.ndarray) -> None:
-    """Write the vector w at the center of the box, and what goes with it."""
+    """Write the vector w at the center of the box, with its parts and bounds."""
     a, b = view[bodies[0]], view[bodies[1]]
     w[TURNED_A] = a[COSINE] * row[A] - a[SINE] * row[A + 1]
     w[TURNED_A + 1] = a[SINE] * row[A] + a[COSINE] * row[A + 1]
@@ -404,10 +404,10 @@ def cut_box(
     row: np.ndarray,
 ) -> int:
     """
-    Return UNDECIDED, SETTLED or RULED_OUT: what one reading says of a box.
+    Cut a box by one reading; return UNDECIDED, SETTLED or RULED_OUT.
 
-    Writes the faces of what is left to `faces` (2, 4 n), and raises `smear` (4 n) to how much the
-    reading changes along each axis of the box, in m. `w` (W_SIZE) is room to work in.
+    Writes the faces of the remaining box to `faces` (2, 4 n), and raises `smear` (4 n) to the
+    change of the reading along each axis of the box, in m. `w` (W_SIZE) is scratch space.
     """
     for axis in range(box.shape[1]):
         faces[LOW, axis], faces[HIGH, axis] = box[LOW, axis], box[HIGH, axis]

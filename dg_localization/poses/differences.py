@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-How far away a body can be by differences of distances alone.
+Bounds of the distance of a body by range differences alone.
 
 Let two beacons a and b be within e of a center, and o at the distance R from it, in the direction
 u. Then |o - b| - |o - a| differs from u.(a - b) by at most e^2 / (2 (R - e)): from far away, a
-difference depends on the direction alone. Where no direction agrees with all differences, no place
-far away does.
+difference depends on the direction alone. If no direction agrees with all differences, no distant
+place does.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from dg_localization.poses.half_spaces import Z
 from dg_localization.poses.readings import norm_up
 
 CELLS = {2: 64, 3: 24}
-"""Along an edge of the square or the cube onto which the directions are projected."""
+"""Number of cells along an edge of the square or cube that the directions are projected to."""
 
 MOST_DIFFERENCES = 60
 
@@ -32,21 +32,21 @@ def reach_of_differences(
     table: np.ndarray, max_outliers: int, height_m: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
     """
-    Bound where B can be, for any yaw, by the differences that it measured of points of A.
+    Bound the position of B, for any yaw, by its range differences to points of A.
 
     Parameters
     ----------
     table : numpy.ndarray, shape (m, COLUMNS)
-        The first of them count.
+        The readings; the first `MOST_DIFFERENCES` differences count.
     max_outliers : int
-        A direction stays until more differences than these disagree.
+        A direction stays until more differences than this disagree.
     height_m : tuple of float
         Bounds of z; infinite in space.
 
     Returns
     -------
     lower, upper : numpy.ndarray, shape (3,)
-        In m; infinite where some direction agrees.
+        In m; infinite if some direction agrees.
 
     """
     nowhere = np.full(3, -math.inf), np.full(3, math.inf)
@@ -57,7 +57,7 @@ def reach_of_differences(
     errors = [heard[:, error : error + 3] for error in (cuts.A_ERROR, cuts.REFERENCE_ERROR)]
     center, rise_m, q = 0.5 * (ends[0] + ends[1]).mean(axis=0), 0.0, 3
     if np.isfinite(height_m).all():
-        # What is above or below counts as a part of e.
+        # The height counts as a part of e.
         center[Z], rise_m, q = 0.5 * sum(height_m), float(up(height_m[1] - height_m[0])), 2
     lever_m = up(up(norm_up(heard[:, cuts.B : cuts.B + 3]) + heard[:, cuts.ERROR_RADIUS]) + rise_m)
     away_m = [
@@ -81,12 +81,12 @@ def reach_of_differences(
 
 
 def _directions(q: int) -> tuple[np.ndarray, float]:
-    """Return unit vectors, shape (k, q), and how far any other is from one of them at most."""
+    """Return unit vectors, shape (k, q), and the greatest distance of any other to the nearest."""
     count = CELLS[q]
     middles = (2.0 * np.arange(count) + 1.0) / count - 1.0
     face = np.stack(np.meshgrid(*[middles] * (q - 1)), axis=-1).reshape(-1, q - 1)
     faces = [np.insert(face, axis, side, axis=1) for axis in range(q) for side in (-1.0, 1.0)]
     points = np.concatenate(faces)
-    # Projecting from outside of the unit ball makes no distance longer.
+    # Projecting onto the unit ball from outside lengthens no distance.
     radius = float(up(up(math.sqrt(q - 1)) / count))
     return points / np.linalg.norm(points, axis=1, keepdims=True), radius

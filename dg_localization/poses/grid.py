@@ -30,7 +30,7 @@ def _first_and_last(
 def _add(
     cell: np.ndarray, box: np.ndarray, edges: np.ndarray, place: tuple[int, int, int, int]
 ) -> None:
-    """Widen the hull of a cell by what it has in common with a box."""
+    """Widen the hull of a cell by its intersection with a box."""
     for axis in range(4):
         at = place[axis]
         if box[LOW, axis] > edges[axis, at + 1] or box[HIGH, axis] < edges[axis, at]:
@@ -50,7 +50,7 @@ def _add_all(
     shape: np.ndarray,
     edges: np.ndarray,
 ) -> None:
-    """Widen the hulls of all cells by what they have in common with the boxes."""
+    """Widen the hulls of all cells by their intersections with the boxes."""
     for number in range(boxes.shape[0]):
         box = boxes[number]
         x, last_x = _first_and_last(box, low, high, X, shape[X])
@@ -69,7 +69,7 @@ def fill_cells(
     boxes: np.ndarray, low: np.ndarray, high: np.ndarray, shape: np.ndarray
 ) -> np.ndarray:
     """
-    Return, for each cell that has any, the hull of its points in boxes.
+    Return the hull of the points of boxes in each cell that has any.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def fill_cells(
     low, high : numpy.ndarray, shape (4,)
         Bounds of all boxes.
     shape : numpy.ndarray of int, shape (4,)
-        How many cells there are along each axis.
+        The number of cells along each axis.
 
     Returns
     -------

@@ -7,8 +7,8 @@ Cutting a box of the poses of bodies by half-spaces: kernels.
 A pose is (x, y, z, yaw); a box (2, 4 n) bounds those of n bodies, one after the other. A
 half-space relates two of them, A and B, or one and the frame, which is body n of the view and
 never moves. It is c.(db - da) + slope_a dyaw_a + slope_b dyaw_b <= room about the center of the
-box; `room` holds whatever bounds the rest of the constraint from above, errors of data and of
-rounding included.
+box; `room` is an upper bound of the rest of the constraint, including errors of data and of
+rounding.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ X, Y, Z, YAW = 0, 1, 2, 3
 LOW, HIGH = 0, 1
 
 UNDECIDED, SETTLED, RULED_OUT = 0, 1, 2
-"""What a reading says of a box: possible in part, possible all over, impossible."""
+"""The result of a reading for a box: partly possible, possible all over, impossible."""
 
 # A body as seen from the center of its box: center and half-widths, cosine and sine of the yaw,
 # radius of the positions, sum of the center's absolute coordinates.
@@ -38,8 +38,8 @@ def with_error(value: float, magnitude: float) -> float:
     """
     Return an upper bound of a sum of products that was computed as `value`.
 
-    The sums of this room take fewer than 100 operations on numbers below 5 times `magnitude`, the
-    sum of the absolute lengths in them.
+    The sums of this package take fewer than 100 operations on numbers below 5 times `magnitude`,
+    the sum of the absolute lengths in them.
     """
     return up(value + rounding_error(magnitude, 512.0))
 
@@ -70,7 +70,7 @@ def view_box(box: np.ndarray, view: np.ndarray) -> None:
 def _cut_face(
     faces: np.ndarray, box: np.ndarray, axis: int, slope: float, extent: float, half: float
 ) -> None:
-    """Move a face of the box: |slope| times the width that is left is `extent` at most."""
+    """Move a face of the box: |slope| times the remaining width is at most `extent`."""
     if extent >= 2.0 * abs(slope) * half:
         return
     if slope > 0.0:
@@ -89,7 +89,7 @@ def cut(
     slopes: tuple[float, float, float, float, float],
     room: float,
 ) -> bool:
-    """Cut off what violates a half-space of `room`; return whether nothing is left."""
+    """Cut off the poses outside a half-space with `room`; return whether none is left."""
     if room < -reach:
         return True
     if room < reach:
@@ -133,7 +133,7 @@ def spread(
     bodies: tuple[int, int],
     slopes: tuple[float, float, float, float, float],
 ) -> None:
-    """Note by how much a reading that is undecided changes along each axis of the box."""
+    """Raise `smear` to the change of an undecided reading along each axis of the box."""
     x, y, z, yaw_a, yaw_b = slopes
     for end in range(2):
         body = bodies[end]
@@ -149,7 +149,7 @@ def spread(
 @kernel(inlined=True)
 def beyond_first_order(half_yaw: float, value: float, slope: float) -> float:
     """
-    Bound how far value cos(t) + slope sin(t) falls below value + slope t, |t| <= half_yaw.
+    Bound value + slope t - (value cos(t) + slope sin(t)) from above for |t| <= half_yaw.
 
     It is -value (1 - cos t) - slope (t - sin t).
     """

@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Set inversion: cover all poses of bodies that all but k readings of each group allow.
+Set inversion (SIVIA): cover all poses of bodies that all but k readings of each group allow.
 
-A box of poses that more than k readings of a group rule out goes, and so does what more than k of
-them cut off one side of it; the rest is halved (Jaulin, Walter, Set inversion via interval
-analysis, Automatica 29(4), 1993; Jaulin, Robust set-membership state estimation, Automatica 45(1),
-2009). The boxes are worked off generation by generation: wherever the search stops, those that are
-left cover all poses evenly.
+A box of poses that more than k readings of a group rule out is discarded, and so is a part that
+more than k of them cut off one side of it; the rest is halved (Jaulin, Walter, Set inversion via
+interval analysis, Automatica 29(4), 1993; Jaulin, Robust set-membership state estimation,
+Automatica 45(1), 2009). The boxes are processed generation by generation: wherever the search
+stops, the remaining boxes cover all poses evenly.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ SHRUNK_MUCH, SHRUNK_JOINTLY = 0.5, 0.9
 poses of several bodies narrow each other."""
 
 FIRST, COUNT, SPENT = 0, 1, 2
-"""Of a box: where its undecided readings are listed, and from `SPENT` on, how many readings of
-each group rule it out."""
+"""Columns of the ticket of a box: start and number of its undecided readings, and from `SPENT` on
+the number of readings of each group that rule it out."""
 
 
 @kernel(borrows=True)
@@ -72,10 +72,10 @@ def _read_all(
     work: tuple,
 ) -> tuple[int, int]:
     """
-    Try the first `most` of the listed readings on a box, of which `spare` may rule it out.
+    Try the first `most` of the listed readings on a box; `spare` more of a group may rule it out.
 
-    Lowers `spare`, and writes to `undecided` the readings that are, and those not tried. Returns
-    their number, and the group of which too many rule the box out, -1 where none does.
+    Lowers `spare`, and writes the undecided readings and those not tried to `undecided`. Returns
+    their number, and the group of which too many rule the box out, or -1.
     """
     view, faces, smear, w, tops = work
     view_box(box, view)
@@ -104,9 +104,9 @@ def _read_all(
 @kernel(borrows=True)
 def _cut_to(box: np.ndarray, tops: np.ndarray, spare: np.ndarray) -> tuple[float, int]:
     """
-    Cut a box where more readings of a group do than may.
+    Cut off the parts of a box that more readings of a group cut off than are tolerated.
 
-    Returns the share of it that is left, and the group that leaves none, -1 where some is left.
+    Returns the remaining share of the box, and the group that leaves none of it, or -1.
     """
     share = 1.0
     for axis in range(box.shape[1]):
@@ -125,9 +125,9 @@ def _cut_to(box: np.ndarray, tops: np.ndarray, spare: np.ndarray) -> tuple[float
 @kernel(borrows=True)
 def _split_axis(box: np.ndarray, view: np.ndarray, smear: np.ndarray) -> tuple[int, float]:
     """
-    Return the axis along which the undecided readings change most, and by how much in m.
+    Return the axis along which the undecided readings change most, and the change in m.
 
-    Of several bodies only the yaws are halved: their places are known from the moment.
+    For several bodies only the yaws are halved: their places are known from the moment.
     """
     axis, change = 0, 0.0
     first, step = (0, 1) if box.shape[1] == 4 else (YAW, 4)
@@ -155,16 +155,16 @@ def examine(
     guilty: np.ndarray,
 ) -> tuple[int, int, int, int]:
     """
-    Cut boxes (m, 2, 4 n), and halve what remains undecided.
+    Cut boxes (m, 2, 4 n), and halve the undecided ones.
 
-    `tickets` (m, SPENT + groups) say of each box which readings are still undecided, a part of
-    `pool`; `limits` are max_outliers, resolution_m, how many boxes the cover may gain, how many
+    `tickets` (m, SPENT + groups) locate the undecided readings of each box in `pool`; `limits` are
+    max_outliers, resolution_m, the number of boxes that the cover may gain, and the number of
     readings to try. `next_boxes`, `next_tickets` and `next_pool` receive the next generation, with
-    room for 2 m boxes and all their readings, `kept` (m + 1, 2, 4 n) the boxes that are done, and
-    `guilty` (groups) counts the boxes that each group ruled out.
+    room for 2 m boxes and all their readings, `kept` (m + 1, 2, 4 n) receives the finished boxes,
+    and `guilty` (groups) counts the boxes that each group ruled out.
 
-    Returns how many boxes were processed, and how many entries of `next_boxes`, `next_pool` and
-    `kept` are in use.
+    Returns the number of processed boxes, and the numbers of used entries of `next_boxes`,
+    `next_pool` and `kept`.
     """
     max_outliers, resolution_m, gain, most = limits
     axes, groups = boxes.shape[2], guilty.shape[0]

@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Joint poses: what the readings of several bodies say together, not pair by pair.
+Joint poses of several bodies, by all their readings together instead of pair by pair.
 
-A hypothesis of the moment gives the places of all bodies in a frame of its own, a shape, and
-nothing of their headings. The readings of a window, carried to now in body frames, tell which
-poses of a few bodies go together: set inversion over all of them at once, and, where no outlier is
-tolerated, linear programs over all their distances. Where these leave nothing the hypothesis is
-impossible, as a mirror image mostly is: odometry knows left from right. Bodies are taken in
-parties of three, since the work grows with a high power of their number.
+A hypothesis of the moment gives the places of all bodies in its own frame, a shape without
+headings. The readings of a window, carried to now in body frames, restrict the joint poses of a
+few bodies: by set inversion over all of them at once, and, if no outlier is tolerated, by linear
+programs over all their distances. If no joint pose is left, the hypothesis is impossible, as most
+mirror images are, since odometry distinguishes left from right. Bodies are taken in parties of
+three, since the work grows with a high power of their number.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ PARTY_SIZE = 3
 """Bodies whose poses are narrowed together."""
 
 PASSES = 6
-"""How often linear programs narrow a box at most before it is halved."""
+"""Most times that linear programs narrow a box before it is halved."""
 
 FRUITLESS = 12
-"""The search ends after this many boxes that narrow nothing: twice as many hardly ever do."""
+"""The search ends after this many boxes without a gain: twice as many rarely gain anything."""
 
 BATCH = 16
-"""Boxes narrowed by linear programs between two looks at the clock, in about 1 ms."""
+"""Boxes narrowed by linear programs between two checks of the clock, in about 1 ms."""
 
 
 @dataclass(frozen=True)
@@ -55,9 +55,9 @@ class JointPoses:
     lower_m, upper_m : numpy.ndarray, shape (n, 3)
         Bounds of the places.
     arcs_rad : numpy.ndarray, shape (n, 2)
-        Bounds of the headings, counterclockwise from the first to the second.
+        Bounds of the headings, counterclockwise from the first angle to the second.
     ruled_out_by : tuple of int, or None
-        The pair of bodies that ruled out most where nothing is left; None while the hypothesis is
+        The pair of bodies that ruled out most if no pose is left; None if the hypothesis is
         possible.
 
     """
@@ -77,11 +77,11 @@ def narrow_jointly(
     stopped: Callable[[], bool] = lambda: False,
 ) -> JointPoses:
     """
-    Narrow the poses of bodies by what pairs of them, A and B of the readings, measured.
+    Narrow the poses of bodies by readings between pairs of them (A and B of the readings).
 
-    `poses` bound all of them in one frame; places may be unbounded. `options` are those of a
-    party, with the outliers of each pair. Once `stopped` is true the poses are returned as they
-    are.
+    `poses` bound all bodies in one frame; places may be unbounded. `options` apply to each party,
+    with the outliers of each pair. When `stopped` becomes true, the poses found so far are
+    returned.
     """
     by_programs = options.max_programs > 0 and options.max_outliers == 0
     box = np.zeros((2, len(poses.arcs_rad), 4))
@@ -107,7 +107,7 @@ def narrow_jointly(
 
 
 def _joint_table(party: list[int], readings: list[tuple[Pair, PairReadings]]) -> np.ndarray:
-    """Return the readings of some pairs as the kernels want them: each pair is a group."""
+    """Return the table of the readings of some pairs for the kernels; each pair is a group."""
     tables = []
     for group, ((a, b), part) in enumerate(readings):
         table = part.table.copy()
@@ -121,9 +121,9 @@ def _parties(
     box: np.ndarray, readings: Mapping[Pair, PairReadings], stopped: Callable[[], bool]
 ) -> list[list[int]]:
     """
-    Return parties of bodies, so that every body that measured anything is in one at least.
+    Return parties of bodies that together hold every body with a reading.
 
-    Those whose headings are known best come first: they narrow those of the next ones.
+    Parties with the best known headings come first: they narrow the headings of later ones.
     """
     known = np.all(np.isfinite(box), axis=(0, 2))
     pairs = [pair for pair in readings if known[pair[0]] and known[pair[1]]]
@@ -149,7 +149,7 @@ def _parties(
 
 
 def _connected_parties(linked: Collection[Pair], stopped: Callable[[], bool]) -> set[Party]:
-    """Return all parties that are linked in themselves; of two bodies where no third one is."""
+    """Return all connected parties of three bodies, and of two if no third one is linked."""
     neighbors: dict[int, set[int]] = {}
     for pair in linked:
         for body, other in (pair, pair[::-1]):
@@ -164,12 +164,12 @@ def _connected_parties(linked: Collection[Pair], stopped: Callable[[], bool]) ->
 
 
 def _n_links(party: Party, linked: Collection[Pair]) -> int:
-    """Return how many pairs of a party measured each other."""
+    """Return the number of linked pairs of a party."""
     return sum(pair in linked for pair in combinations(party, 2))
 
 
 def _hull(boxes: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """Return the smallest box (2, n, 4) around some (k, 2, 4 n): of headings the shortest arcs."""
+    """Return the hull (2, n, 4) of boxes (k, 2, 4 n), with the shortest arcs of headings."""
     boxes = boxes.reshape(-1, *before.shape)
     hull = np.stack([boxes[:, LOW].min(axis=0), boxes[:, HIGH].max(axis=0)])
     for body in range(hull.shape[1]):
@@ -182,7 +182,7 @@ def _hull(boxes: np.ndarray, before: np.ndarray) -> np.ndarray:
 def _narrow_by_programs(
     box: np.ndarray, table: np.ndarray, max_boxes: int, stopped: Callable[[], bool]
 ) -> tuple[np.ndarray, int]:
-    """Return the hull (2, n, 4) of all poses that are left, and the pair that leaves none."""
+    """Return the hull (2, n, 4) of the remaining poses, and the pair that leaves none."""
     levers_m = _levers_m(table, box.shape[1])
     boxes = box.reshape(1, 2, -1).copy()
     while True:
@@ -203,7 +203,7 @@ def _narrow_by_programs(
 
 
 def _levers_m(table: np.ndarray, n_bodies: int) -> np.ndarray:
-    """Return by how much a turn of each body moves its points, mostly."""
+    """Return the typical lever arm of a rotation of each body."""
     levers_m = np.zeros(n_bodies)
     for column, radius in ((A_BODY, A_RADIUS), (B_BODY, B_RADIUS)):
         for body, group in np.unique(table[:, [column, GROUP]], axis=0).astype(int):
@@ -213,7 +213,7 @@ def _levers_m(table: np.ndarray, n_bodies: int) -> np.ndarray:
 
 
 def _halves(boxes: np.ndarray, levers_m: np.ndarray) -> np.ndarray:
-    """Return both halves of boxes, each along the heading that moves points most."""
+    """Return both halves of boxes, each split along the heading that moves points most."""
     headings = boxes[..., YAW::4]
     body = np.argmax(levers_m * (headings[:, HIGH] - headings[:, LOW]), axis=1)
     number, axis = np.arange(len(boxes)), 4 * body + YAW

@@ -2,11 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Kernels of `joint`: what the distances of several pairs say together of the poses of all bodies.
+Kernels of `joint`: the poses of all bodies by the distances of several pairs together.
 
-The unknowns are x, y, z and yaw of every body, in one frame. Within a box of them, each distance
-lies between two parallel half-spaces (`cuts`). Linear programs bound every unknown by all of these
-at once.
+The unknowns are x, y, z and yaw of every body, in one frame. Within a box, each distance gives two
+parallel half-spaces (`cuts`). Linear programs bound every unknown by all half-spaces at once.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ POSSIBLE = -1
 """No pair rules out a box."""
 
 TOLERANCE = 1e-6
-"""By which fraction of their widths functions may leave their bounds in a linear program."""
+"""Fraction of their widths by which functions may violate their bounds in a linear program."""
 
 LEAST_NARROWED = 0.05
 """A box is narrowed again while some unknown loses this share of its width."""
@@ -62,7 +61,7 @@ def _write_rows(
         if not w[MAGNITUDE] < LONGEST:
             continue
         settled, along, reach, far, near = distance_half_spaces(view, (a, b), row, w)
-        # The function is bounded by its reach, whatever was measured.
+        # The function is also bounded by its reach.
         low, high = max(-near, -reach), min(far, reach)
         if settled or low == -reach and high == reach:
             continue
@@ -186,9 +185,9 @@ def narrow_boxes(boxes: np.ndarray, table: np.ndarray, passes: int, found: np.nd
     table : numpy.ndarray, shape (m, COLUMNS)
         The readings of all pairs; each pair is a group.
     passes : int
-        How often at most.
+        Most repetitions.
     found : numpy.ndarray of int, shape (k,)
-        Receives of each box `POSSIBLE`, or the pair that weighs most in the proof that nothing is
+        Receives `POSSIBLE` for each box, or the pair that weighs most in the proof that no pose is
         left.
 
     """

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What two bodies measured of each other in a window, carried to now by their odometries."""
+"""Readings between two bodies in a window, carried to now by their odometries."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ NO_RAY_RAD = math.inf
 @dataclass(frozen=True)
 class PastPoses:
     """
-    Where the level frame of a body was at past times, seen from its level frame now.
+    Past level frames of a body relative to its level frame now.
 
-    The level frame of a body has its origin, its yaw, and an upright z axis: what odometry knows
-    of roll and pitch is part of `PairReadings` points and rays. In the plane z is zero.
+    The level frame of a body has its origin, its yaw, and a vertical z axis: roll and pitch of the
+    odometry are included in the points and rays of `PairReadings`. In the plane z is zero.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class PastPoses:
 
     @classmethod
     def at_rest(cls, count: int) -> Self:
-        """Return the poses of a body that does not move, the world for one."""
+        """Return the poses of a body at rest, for example the world."""
         return cls(Interval.point(np.zeros((count, 3))), Interval.point(np.zeros(count)))
 
     def __len__(self) -> int:
@@ -50,7 +50,7 @@ class PastPoses:
 
     def points_now(self, points_m: Interval) -> Interval:
         """
-        Return points of the body, then, in its level frame now.
+        Return past points of the body in its level frame now.
 
         Parameters
         ----------
@@ -68,7 +68,7 @@ class PastPoses:
         self, directions: ArrayLike, errors_rad: ArrayLike
     ) -> tuple[np.ndarray, np.ndarray]:
         """
-        Return rays that the body measured, in its level frame now.
+        Return past rays of the body in its level frame now.
 
         Parameters
         ----------
@@ -98,26 +98,26 @@ class PairReadings:
     """
     Observations between a point of body A and a point of body B, carried to now.
 
-    An observation is what one sensor said of one target at one time: a distance, a ray, or both,
-    which are wrong together or not at all; or by how much its distance to the target exceeds that
-    to a reference on the body of the target.
+    An observation is a distance, a ray, or both, of one target by one sensor at one time; both are
+    wrong together or not at all. Or it is the distance to the target minus the distance to a
+    reference on the body of the target.
 
     Parameters
     ----------
     points_a_m, points_b_m : Interval, shape (m, 3)
         The two points in the level frames of their bodies now (`PastPoses.points_now`).
     distance_m : Interval, shape (m,)
-        [0, inf] where none was measured.
+        [0, inf] if none was measured.
     rays : numpy.ndarray, shape (m, 3)
         Directions from the observer's point to the other, in the observer's level frame now.
     ray_errors_rad : numpy.ndarray, shape (m,)
-        Greatest angles to the true direction; from pi/2 on they say nothing.
+        Greatest angles to the true direction; from pi/2 on they bound nothing.
     seen_by_b : numpy.ndarray of bool, shape (m,)
         Whether B measured the ray or the difference, not A.
     references_m : Interval, shape (m, 3)
         The references in the level frames of their bodies now.
     difference_m : Interval, shape (m,)
-        [-inf, inf] where none was measured.
+        [-inf, inf] if none was measured.
 
     """
 
@@ -143,7 +143,7 @@ class PairReadings:
         difference_m: Interval | None = None,
     ) -> Self:
         """
-        Return readings where what is left out was not measured.
+        Return readings; omitted quantities were not measured.
 
         Raises
         ------
@@ -169,7 +169,7 @@ class PairReadings:
         return readings
 
     def _check(self) -> None:
-        """Raise ValueError for what cannot be a reading."""
+        """Raise ValueError for invalid readings."""
         count = len(self)
         for name, width in (
             ('points_a_m', 3),
@@ -211,7 +211,7 @@ class PairReadings:
 
     @cached_property
     def table(self) -> np.ndarray:
-        """The readings as the kernels want them, (m, COLUMNS): B is body 0, A the frame."""
+        """The table of the readings for the kernels, (m, COLUMNS): B is body 0, A the frame."""
         table = np.zeros((len(self), cuts.COLUMNS))
         radii = []
         for points, middle, error in (
@@ -260,7 +260,7 @@ class PairReadings:
         level = np.hypot(rays[:, 0], rays[:, 1])
         steep = level < cuts.STEEP
         across = np.stack([-rays[:, 1], rays[:, 0], np.zeros(len(told))], axis=-1)
-        # Across a ray that is all but upright: the y axis, made perpendicular to it.
+        # Across a nearly vertical ray: the y axis, made perpendicular to it.
         sideways = np.array([0.0, 1.0, 0.0]) - rays[:, 1:2] * rays
         across = np.where(steep[:, None], sideways, across)
         across /= np.linalg.norm(across, axis=-1, keepdims=True)
@@ -272,7 +272,7 @@ class PairReadings:
 
 
 def center_and_half(bounds: Interval) -> tuple[np.ndarray, np.ndarray]:
-    """Return middles, and half-widths rounded up; those of single numbers are exact."""
+    """Return middles, and half-widths rounded up; both are exact for single numbers."""
     exact = bounds.lower == bounds.upper
     with np.errstate(invalid='ignore'):
         center = np.where(exact, bounds.lower, 0.5 * bounds.lower + 0.5 * bounds.upper)
@@ -292,7 +292,7 @@ def norm_up(vectors: np.ndarray) -> np.ndarray:
 
 def start_bounds(table: np.ndarray, max_outliers: int) -> tuple[np.ndarray, np.ndarray]:
     """
-    Bound where B can be, for any yaw: within the reach of all but `max_outliers` readings.
+    Bound the position of B, for any yaw: within the reach of all but `max_outliers` readings.
 
     Parameters
     ----------
@@ -302,7 +302,7 @@ def start_bounds(table: np.ndarray, max_outliers: int) -> tuple[np.ndarray, np.n
     Returns
     -------
     lower, upper : numpy.ndarray, shape (3,)
-        In m; infinite where not enough readings have a distance.
+        In m; infinite if too few readings have a distance.
 
     """
     if len(table) <= max_outliers:

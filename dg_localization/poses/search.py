@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The search for all poses that readings allow: of one body, or of a few together."""
+"""The search for all poses that agree with readings: of one body, or of a few together."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from dg_localization.poses.turns import HALF_TURN_UP, TURN
 
 QUICK_READINGS = 48
 QUICK_GENERATIONS = 4
-"""The first generations try only a few readings, spread over the window. These cut off most; all
-readings would not cut off much more of such large boxes."""
+"""The first generations try only a few readings, spread over the window: all readings would not
+cut off much more of such large boxes."""
 
 CHUNK = 64
-"""Boxes between two looks at the clock."""
+"""Boxes between two checks of the clock."""
 
 _GOLDEN_RATIO = 0.5 * (math.sqrt(5.0) - 1.0)
 
@@ -35,19 +35,19 @@ _GOLDEN_RATIO = 0.5 * (math.sqrt(5.0) - 1.0)
 @dataclass(frozen=True)
 class PairOptions:
     """
-    How finely poses are resolved, and what is tolerated.
+    The resolution and the limits of a search for poses.
 
     Parameters
     ----------
     max_outliers : int
-        This many observations may be wrong: a pose stays until more of them rule it out.
+        Number of observations that may be wrong: a pose stays until more of them rule it out.
     resolution_m : float
-        A box is done when no reading changes by more than this along any axis of it.
+        A box is finished if no reading changes by more than this along any of its axes.
     max_boxes : int
-        Most boxes of a cover; where the search starts from more, it returns those.
+        Most boxes of a cover; a search that starts from more boxes returns these.
     max_programs : int
-        Most boxes of the joint poses of robots in the plane that linear programs narrow, where no
-        outlier is tolerated.
+        Most boxes of joint poses of robots in the plane that linear programs narrow, if no outlier
+        is tolerated.
 
     """
 
@@ -69,7 +69,7 @@ class PosePaving(NamedTuple):
     """
     Boxes (m, 2, 4 n) that hold every pose of n bodies that readings allow.
 
-    `refined` tells whether all are as small as was asked, `guilty` how many boxes the readings of
+    `refined` says whether all are as small as requested, `guilty` how many boxes the readings of
     each group ruled out.
     """
 
@@ -79,7 +79,7 @@ class PosePaving(NamedTuple):
 
 
 class _Generation(NamedTuple):
-    """Boxes of equal depth that are still to be examined, as `examine` wants them."""
+    """Boxes of equal depth that are still to be examined, in the arrays of `examine`."""
 
     boxes: np.ndarray
     tickets: np.ndarray
@@ -98,9 +98,9 @@ def cover_poses(
     """
     Cover every pose of B in the frame of A that at most `max_outliers` readings rule out.
 
-    `height_m` is how far the origin of B is above that of A: zero in the plane, infinite for
-    unknown; `within` is where the pose is known to be, and counts in its place. Once `stopped` is
-    true the cover is returned as it is, still complete. It is empty if no pose agrees, and
+    `height_m` bounds the height of the origin of B over the origin of A: zero in the plane,
+    infinite for unknown; `within` is a cover of the pose that replaces it. When `stopped` becomes
+    true, the cover so far is returned, which is complete. It is empty if no pose agrees, and
     unbounded if the readings do not bound the position.
     """
     options = options or PairOptions()
@@ -115,7 +115,7 @@ def cover_poses(
 def pave_poses(
     table: np.ndarray, boxes: np.ndarray, options: PairOptions, stopped: Callable[[], bool]
 ) -> PosePaving:
-    """Return what the readings of a table leave of finite boxes (m, 2, 4 n)."""
+    """Return the poses in finite boxes (m, 2, 4 n) that agree with the readings of a table."""
     groups = int(table[:, GROUP].max(initial=0.0)) + 1
     guilty = np.zeros(groups, np.int64)
     everything = np.array([0, len(table), *[0] * groups])
@@ -139,7 +139,7 @@ def pave_poses(
 def _start_boxes(
     table: np.ndarray, max_outliers: int, height_m: tuple[float, float]
 ) -> np.ndarray:
-    """Return boxes that hold every pose: where B can be at all, in slices of its yaw."""
+    """Return boxes that hold every pose: bounds of the position of B, in slices of its yaw."""
     lower, upper = start_bounds(table, max_outliers)
     near, far = reach_of_differences(table[_spread(len(table))], max_outliers, height_m)
     lower, upper = np.maximum(lower, near), np.minimum(upper, far)
@@ -157,7 +157,7 @@ def _start_boxes(
 
 
 def _spread(count: int) -> np.ndarray:
-    """Return all indices in an order whose first few are spread over the whole."""
+    """Return all indices in an order whose first ones are spread over the whole range."""
     return np.argsort((np.arange(count) * _GOLDEN_RATIO) % 1.0, kind='stable')
 
 
@@ -169,11 +169,10 @@ def _next_generation(
     stopped: Callable[[], bool],
 ) -> tuple[np.ndarray, np.ndarray, _Generation]:
     """
-    Examine a generation until the boxes are too many, or the time is up.
+    Examine a generation until there are too many boxes or the time is over.
 
-    `limits` are the options, how many boxes there is room for, and how many readings to try.
-    Returns the boxes that are finished, those that were not examined any more, and the next
-    generation.
+    `limits` are the options, the number of boxes with room, and the number of readings to try.
+    Returns the finished boxes, the boxes that were not examined, and the next generation.
     """
     options, room, most = limits
     axes, columns = generation.boxes.shape[2], SPENT + len(guilty)

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Turns about the vertical axis, as intervals of angles."""
+"""Rotations about the vertical axis by intervals of angles."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TURN = 2.0 * math.pi
 """A full turn, rounded."""
 
 HALF_TURN_UP = angle_up(math.pi)
-"""Above pi: yaws between this and its negative are all there are."""
+"""An upper bound of pi: all yaws lie between this and its negative."""
 
 _PERIOD = Interval.between(angle_down(TURN), angle_up(TURN))
 
@@ -33,7 +33,7 @@ def principal(angle: Interval) -> Interval:
     Returns
     -------
     Interval, shape (m,)
-        All angles where an interval is a full turn wide, or not bounded.
+        All angles if an interval is a full turn wide or unbounded.
 
     """
     known = angle.upper - angle.lower < TURN
@@ -46,7 +46,7 @@ def principal(angle: Interval) -> Interval:
 
 def turned(angle: Interval, points: Interval) -> Interval:
     """
-    Return points turned about the vertical axis.
+    Return points rotated about the vertical axis.
 
     Parameters
     ----------

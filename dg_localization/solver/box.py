@@ -23,23 +23,23 @@ from dg_localization.interval.kernels import kernel
 
 class Status(IntEnum):
     """
-    What came of a box.
+    The result of a contraction.
 
     Kernels that are called from Python return truth values or numbers instead: numba takes longer
-    to hand over an enumeration than many of them take.
+    to pass an enumeration than many of them run.
     """
 
     EMPTY = 0
-    """It is proved to hold no placement."""
+    """The box is proved to hold no placement."""
 
     CONTRACTED = 1
-    """It was narrowed as far as it goes, perhaps not at all."""
+    """The box was narrowed as far as possible, perhaps not at all."""
 
     NOT_RIGID = 2
-    """It was left as it is: the measured pairs do not fix the points."""
+    """The box is unchanged: the measured pairs do not fix the points."""
 
     UNFINISHED = 3
-    """The clock or the caller stopped the contraction; the box is sound all the same."""
+    """The clock or the caller stopped the contraction; the box is still sound."""
 
 
 LOWER, UPPER, GAP_LOWER, GAP_UPPER = range(4)
@@ -78,8 +78,8 @@ def exclude(box: FloatArray, i: int, j: int, gap_low: float, gap_high: float) ->
     """
     Remove an open interval from pair (i, j); return whether anything is left.
 
-    At an end of the bounds it moves that end. An inner one becomes the gap of the pair: joined
-    with the known gap where the two overlap, else the wider of the two is kept.
+    An interval at an end of the bounds moves that end. An inner one becomes the gap of the pair:
+    it is joined with the known gap if they overlap, else the wider one is kept.
     """
     if gap_low >= gap_high:
         return True

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a problem may be made of: the checks of its bounds, pairs and points."""
+"""Checks of the bounds, pairs and points of a problem."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def check_bounds(
     lower, upper : array_like, shape (n, n)
         Real numbers of any kind.
     names : tuple of str, optional
-        What they are called in messages.
+        Their names in messages.
 
     Returns
     -------
@@ -137,7 +137,7 @@ def checked_pairs(
 
 
 def is_whole(value: object) -> TypeGuard[int]:
-    """Return whether a value is an integer of Python or NumPy; truth values are none."""
+    """Return whether a value is an integer of Python or NumPy, not a truth value."""
     return type(value) is int or (isinstance(value, Integral) and not isinstance(value, bool))
 
 
@@ -152,7 +152,7 @@ def checked_points(what: object, points: object, count: int, n_points: int) -> t
 
 
 def different_points(what: object, points: tuple[Any, ...], n_points: int) -> tuple[int, ...]:
-    """Return points as integers of Python, different ones that the problem has."""
+    """Return points as Python integers; refuse repeated and unknown ones."""
     for point in points:
         if not is_whole(point):
             raise InvalidProblemError(f'{what}: point {point!r} is not an integer')
@@ -165,7 +165,7 @@ def different_points(what: object, points: tuple[Any, ...], n_points: int) -> tu
 
 
 def check_matrices(lower: Matrix, upper: Matrix) -> None:
-    """Refuse matrices that are no bounds of squared distances."""
+    """Refuse matrices that are not bounds of squared distances."""
     if lower.shape != upper.shape:
         raise InvalidProblemError(f'lower is {lower.shape}, upper is {upper.shape}')
     if len(lower) == 0:

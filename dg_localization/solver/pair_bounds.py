@@ -25,7 +25,7 @@ def pairs_among(n_points: int) -> tuple[IntArray, IntArray]:
 
 class PairBounds:
     """
-    Bounds of the squared distances of some pairs; nothing is known of all others.
+    Bounds of the squared distances of some pairs; all other pairs are unknown.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class PairBounds:
 
     @classmethod
     def from_matrices(cls, lower: FloatArray, upper: FloatArray) -> PairBounds:
-        """Return what symmetric matrices of bounds say of their pairs, shape (n, n)."""
+        """Return the bounds of all known pairs of symmetric matrices, shape (n, n)."""
         n_points = len(lower)
         rows, columns = pairs_among(n_points)
         low, high = lower[rows, columns], upper[rows, columns]
@@ -78,7 +78,7 @@ class PairBounds:
         Returns
         -------
         lower, upper : ndarray, shape (k, k)
-            New arrays with zero diagonal; ``[0, inf]`` where nothing is known.
+            New arrays with zero diagonal; ``[0, inf]`` for unknown pairs.
 
         """
         members = np.array(points, dtype=np.int64)
@@ -99,7 +99,7 @@ class PairBounds:
         return np.where(held, self.lower[places], 0.0), np.where(held, self.upper[places], np.inf)
 
     def restricted(self, points: Sequence[int]) -> PairBounds:
-        """Return the bounds of the pairs of some points, ascending, by their numbers in these."""
+        """Return the bounds of the pairs of some points, ascending, renumbered by their order."""
         members = np.array(points, dtype=np.int64)
         number = np.full(self.n_points, -1)
         number[members] = np.arange(len(members))
@@ -112,7 +112,7 @@ class PairBounds:
     def narrowed(
         self, rows: IntArray, columns: IntArray, lower: FloatArray, upper: FloatArray
     ) -> PairBounds:
-        """Return these bounds with more of some pairs, which need not be among them."""
+        """Return these bounds intersected with further ones, also of new pairs."""
         new = np.minimum(rows, columns) * self.n_points + np.maximum(rows, columns)
         keys = np.union1d(self.keys, new)
         low, high = np.zeros(len(keys)), np.full(len(keys), np.inf)

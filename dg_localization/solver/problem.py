@@ -151,7 +151,7 @@ class Problem:
         chiralities: Sequence[Chirality] = (),
     ) -> Problem:
         """
-        Return a problem given by its measured pairs; no n x n array is made of them.
+        Return a problem given by its measured pairs, without any n x n array.
 
         Parameters
         ----------
@@ -160,21 +160,21 @@ class Problem:
         i, j : array_like of int, shape (m,)
             The points of each pair, in either order; each pair once.
         lower, upper : array_like, shape (m,)
-            Bounds of their squared distances in m^2, as those of a problem otherwise. A pair that
-            is not listed is unknown, ``[0, inf]``.
+            Bounds of their squared distances in m^2, as for `Problem`. A pair that is not listed
+            is unknown, ``[0, inf]``.
         dimension, sides, chiralities : optional
-            As those of a problem otherwise.
+            As for `Problem`.
 
         Returns
         -------
         Problem
-            The problem. Its `lower` and `upper` are made when they are asked for.
+            The problem. Its `lower` and `upper` are made at first use.
 
         Raises
         ------
         InvalidProblemError
-            If an index is no integer or no point, a pair joins a point to itself or is given
-            twice, and for what is wrong in a problem otherwise; with the place in the lists, the
+            If an index is no integer or no point, if a pair joins a point to itself or is given
+            twice, and for the errors of `Problem`. The message has the place in the lists, the
             pair and the value.
 
         """
@@ -195,7 +195,7 @@ class Problem:
         sides: Sequence[SideConstraint],
         chiralities: Sequence[Chirality],
     ) -> Problem:
-        """Return a problem of new bounds and of constraints that are known to be valid."""
+        """Return a problem of new bounds and constraints that are valid by construction."""
         problem = cls.__new__(cls)
         problem._matrices = problem._pairs = None
         if isinstance(bounds, PairBounds):
@@ -208,12 +208,12 @@ class Problem:
         return problem
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        # An array comes out of a pickle writable; kernels are compiled anew for such a one.
+        # Unpickled arrays are writable, and kernels would be compiled anew for them.
         self.__dict__.update(state)
         self._protect()
 
     def _protect(self) -> None:
-        """Make the matrices read only."""
+        """Make the matrices read-only."""
         for matrix in self._matrices or ():
             matrix.flags.writeable = False
 
@@ -223,7 +223,7 @@ class Problem:
         sides: Sequence[SideConstraint],
         chiralities: Sequence[Chirality],
     ) -> None:
-        """Keep the dimension and what is to be checked once the number of points is known."""
+        """Keep the dimension and the constraints, which are checked when the points are known."""
         if not is_whole(dimension) or dimension not in (1, 2, 3):
             raise InvalidProblemError(f'dimension is {dimension!r}, it must be 1, 2 or 3')
         for name, given in (('sides', sides), ('chiralities', chiralities)):
@@ -248,11 +248,11 @@ class Problem:
 
     @property
     def is_sparse(self) -> bool:
-        """Whether the bounds are those of listed pairs, and no matrix was made of them."""
+        """Whether the bounds are stored by pair, and no matrix was made."""
         return self._matrices is None
 
     def sparse(self) -> Problem:
-        """Return the same problem, its bounds as those of listed pairs."""
+        """Return the same problem with its bounds stored by pair."""
         if self.is_sparse:
             return self
         return Problem.unchecked(self.pairs, self.dimension, self.sides, self.chiralities)
@@ -287,7 +287,7 @@ class Problem:
 
     @property
     def pairs(self) -> PairBounds:
-        """The bounds of the pairs of which something is known."""
+        """The bounds of the known pairs."""
         if self._pairs is None:
             self._pairs = PairBounds.from_matrices(*self._as_matrices())
         return self._pairs

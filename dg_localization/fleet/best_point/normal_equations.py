@@ -4,8 +4,8 @@
 """
 The normal equations of the terms, summed up term by term.
 
-A body has six columns: its position, and a small rotation about the axes of the fixed frame that
-follows its own. In the plane, and for what is known, some of them are left out.
+A body has six columns: its position, and a small rotation about the axes of the fixed frame after
+its own rotation. In the plane, and for known coordinates, some columns are left out.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 LEFT_OUT = -1
-"""The column of what does not change."""
+"""The column of fixed coordinates."""
 
 SHORTEST_M = 1e-9
-"""Ends that are nearer have no direction."""
+"""The direction between nearer ends is undefined."""
 
 
 @kernel
@@ -51,22 +51,22 @@ def normal_equations(
         The fields of `Terms`.
     robust : bool
         Whether a range or a ray costs log(1 + e) instead of its squared residual e (Cauchy), so
-        that what is far beyond its bounds pulls little. Their rows are weighted to match.
+        that readings far beyond their bounds have little weight. Their rows are weighted to match.
     positions_m : numpy.ndarray, shape (n, 3)
-        Of the bodies.
+        Positions of the bodies.
     rotations : numpy.ndarray, shape (n, 3, 3)
         From body to fixed frame.
     columns : numpy.ndarray of int, shape (n, 6)
-        Where the coordinates of each body are in the equations, or `LEFT_OUT`.
+        The columns of the coordinates of each body in the equations, or `LEFT_OUT`.
     matrix : numpy.ndarray, shape (k, k)
-        The products of the derivatives, to be written.
+        Receives the products of the derivatives.
     vector : numpy.ndarray, shape (k,)
-        Half the gradient, to be written.
+        Receives half the gradient.
 
     Returns
     -------
     float
-        The sum of the squared residuals, but for those that are robust.
+        The sum of the squared residuals, with the Cauchy cost for robust ones.
 
     """
     matrix[:] = 0.0
@@ -129,7 +129,7 @@ def normal_equations(
                 a, b = (axis + 1) % 3, (axis + 2) % 3
                 slopes[row, axis] = -change[row, axis]
                 slopes[row, axis + 6] = 0.0 if kind == PLACE else change[row, axis]
-                # A rotation about an axis moves an arm r by the vector product of the two.
+                # A rotation about an axis moves an arm r by the cross product of axis and r.
                 slopes[row, axis + 3] = arms[0, b] * change[row, a] - arms[0, a] * change[row, b]
                 slopes[row, axis + 9] = arms[1, a] * change[row, b] - arms[1, b] * change[row, a]
                 if kind in (RAY, TURN) and row == a:

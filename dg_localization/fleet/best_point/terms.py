@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The terms of a least-squares fit: what was likely measured, and how wrong it may be.
+The terms of a least-squares fit: likeliest readings and their half widths.
 
-A term joins bodies, each of which has a position and a rotation. Its ends are arms in their body
-frames: sensors away from the origin of a robot, or where its odometry says that it was before.
-Residuals are in half widths, so that a reading at the end of its bounds counts 1.
+A term joins two bodies, each with a position and a rotation. Its ends are lever arms in their body
+frames: of sensors away from the origin of a robot, or of its earlier poses by odometry. Residuals
+are in half widths, so that a reading at the end of its bounds has the residual 1.
 
-A robot that moves is one body now and others before: steps and turns of its odometry join these.
+A moving robot has one body now and others for earlier times, joined by odometry steps and turns.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ RANGE, RAY, PLACE, STEP, TURN = 0, 1, 2, 3, 4
 AT_ORIGIN = (0.0, 0.0, 0.0)
 
 LEAST_HALF_WIDTH = 1e-6
-"""A reading without error would outweigh all others beyond the digits of a number."""
+"""Least half width: an exact reading would outweigh all others beyond machine precision."""
 
 MOST_BODIES = 30
 """
@@ -36,16 +36,16 @@ only, and fleets of more robots no smoother. Others have twice as many past pose
 """
 
 UNIFORM = 3.0
-"""The square of a half width over the variance of an error that is anywhere within it."""
+"""The square of a half width over the variance of an error distributed uniformly within it."""
 
 
 class Term(NamedTuple):
     """
     A likeliest reading between two bodies.
 
-    The value of a `RANGE` is the distance in its first number, that of a `RAY` a unit vector in
-    the body frame of the first, that of a `PLACE` the position of the first. Arms are the ends in
-    the body frames.
+    The value of a `RANGE` has the distance as its first number. The value of a `RAY` is a unit
+    vector in the frame of the first body, that of a `PLACE` the position of the first body. Arms
+    are the ends in the body frames.
     """
 
     kind: int
@@ -59,17 +59,17 @@ class Term(NamedTuple):
 
 class Terms(NamedTuple):
     """
-    Terms as the kernel reads them; several arms and values, stacked in front, are variants.
+    Terms in the arrays of the kernel; variants stack several arms and values along a first axis.
 
     Parameters
     ----------
     kinds : numpy.ndarray of int, shape (m,)
-        A `STEP` says that its two ends are one point, a `TURN` where the second body has its x
-        axis.
+        A `STEP` means that its two ends are one point, a `TURN` gives the x axis of the second
+        body.
     bodies : numpy.ndarray of int, shape (m, 2)
     arms_m : numpy.ndarray, shape (m, 2, 3)
     values : numpy.ndarray, shape (m, 3)
-        A step has none; a turn has the axis seen from the first body.
+        Unused for a step; for a turn the x axis of the second body in the frame of the first.
     weights : numpy.ndarray, shape (m,)
         One over the half widths.
 
@@ -102,20 +102,20 @@ class Terms(NamedTuple):
         return cls(*(np.concatenate(c, axis) for c, axis in zip(columns, axes, strict=True)))
 
     def variant(self, number: int) -> Terms:
-        """Return the terms with one of several arms and values."""
+        """Return the terms of one variant."""
         return self._replace(arms_m=self.arms_m[number], values=self.values[number])
 
     def common_errors(self, residuals: FloatArray) -> FloatArray:
         """
-        Return how much less the readings of one target in a while tell than independent ones.
+        Return the variance factor of each term for errors shared by readings of one target.
 
-        What they do not scatter, of the variance that their bounds allow, they may have in common.
+        Readings may share the part of the variance of their bounds that they do not scatter.
         """
         keys = np.column_stack([self.kinds, self.bodies])
         _, groups, counts = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
         groups, residuals = groups.ravel(), np.clip(residuals, -1.0, 1.0)
         scatter = (residuals - (np.bincount(groups, residuals) / counts)[groups]) ** 2
-        # One more reading that does not scatter stands for what is known before.
+        # One more reading without scatter is the prior.
         repeats = 1.0 + np.bincount(self.kinds, 1.0 - 1.0 / counts[groups])
         common = np.maximum(0.0, 1.0 - UNIFORM * np.bincount(self.kinds, scatter) / repeats)
         return 1.0 + common[self.kinds] * (counts[groups] - 1.0)

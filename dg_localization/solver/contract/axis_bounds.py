@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What a projection along an axis makes of a point and of a pair (Section 4.1).
+Projection of a point and of a pair along an axis (Section 4.1).
 
 For an axis from point a to point b and a further point i, write A = s_ai, B = s_bi, C = s_ab and
 d = sqrt(C). The coordinate of i along the axis, measured from a, is
@@ -57,8 +57,8 @@ def axis_coordinate(
     Equation (7) increases with A and decreases with B. In d it is convex where A > B, with its
     minimum sqrt(A - B) at d = sqrt(A - B), and increasing otherwise. Hence the maximum lies at
     A+, B- and an end of d; the minimum at A-, B+ and an end of d, or at d = sqrt(A- - B+) when
-    that is an admissible length. Both bounds are then cut by what any triangle obeys,
-    |t| <= sqrt(A) and |t - d| <= sqrt(B), which gives bounds even where d may vanish.
+    that is an admissible length. Both bounds are then cut by the triangle relations
+    |t| <= sqrt(A) and |t - d| <= sqrt(B), which give bounds even if d may vanish.
     """
     high_difference = up(a_upper - b_lower)
     high = _coordinate_up(high_difference, d_upper)
@@ -103,8 +103,8 @@ def _height_edge(a: float, b_lower: float, b_upper: float, c: float) -> tuple[fl
     """
     Bound A - (A - B + C)^2 / (4 C) at the two corners of an edge of the box, for C > 0.
 
-    What is subtracted, rounding included, grows with |A - B + C| alone. So the corner
-    where it is larger is enough for the lower bound, that where it is smaller for the upper bound.
+    The subtrahend, rounding included, grows with |A - B + C| alone. So the corner with the larger
+    value gives the lower bound, the other one the upper bound.
     """
     low_at_lower = down(down(a - b_lower) + c)
     low_at_upper = down(down(a - b_upper) + c)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Back-projection: what is known in the space orthogonal to an axis narrows the box (Section 4.3).
+Back-projection: bounds in the space orthogonal to an axis narrow the box (Section 4.3).
 
 With the coordinate t along the axis, u = d - t, and the squared distance p from the axis,
 
@@ -10,7 +10,7 @@ With the coordinate t along the axis, u = d - t, and the squared distance p from
 
 (Eqs. 18, 19, 21), and B = A + C - 2 d t (Eq. 22). Each relation is used forwards to narrow the
 squared distances and backwards to narrow t, u and t_i - t_j, whose signs are open: the two
-branches of a root are intersected apart and joined last (Eq. 20).
+branches of a root are intersected separately and joined last (Eq. 20).
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ def _along(
     p: tuple[float, float],
     d: tuple[float, float],
 ) -> tuple[float, float, float, float]:
-    """Narrow t and u = d - t by t^2 = A - p and u^2 = B - p; either is reversed where empty."""
+    """Narrow t and u = d - t by t^2 = A - p and u^2 = B - p; empty ones are reversed."""
     t_lower, t_upper = reverse_square(t[0], t[1], down(a[0] - p[1]), up(a[1] - p[0]))
     u_lower, u_upper = reverse_square(
         down(d[0] - t_upper), up(d[1] - t_lower), down(b[0] - p[1]), up(b[1] - p[0])
@@ -132,7 +132,7 @@ def _end(
     p: tuple[float, float],
     d: tuple[float, float],
 ) -> tuple[float, float]:
-    """Bound A = t^2 + p by all that is known, B included (or B, with t and u exchanged)."""
+    """Bound A = t^2 + p by all known bounds, including B (or B, with t and u exchanged)."""
     low, high = far_squared_distance(far[0], far[1], u[0], u[1], d[0], d[1])
     square_low, square_high = square(t[0], t[1])
     return max(low, down(square_low + p[0])), min(high, up(square_high + p[1]))
@@ -216,9 +216,9 @@ def _narrow_pair(box: FloatArray, rows: Rows, x: int, y: int) -> bool:
 @kernel(borrows=True)
 def back_project(box: FloatArray, rows: Rows, count: int, a: int, b: int) -> bool:
     """
-    Narrow `box` in place by its projection, after that was reduced (Section 4.3).
+    Narrow `box` in place by its reduced projection (Section 4.3).
 
-    False when no placement is left.
+    Return False if no placement is left.
     """
     # The axis itself is narrowed by the points only, after the pairs.
     last = count - 1

@@ -5,9 +5,9 @@
 Coordinates of points whose distances are bounded.
 
 Cartesian enclosures of a box in distance space are made by the Cholesky route of Section 3. The
-coordinates of a point in the frame of a few others are its coordinates along one projection axis
-after the other, so the formulas of the projection bound them. Boxes in a frame that is already
-fixed are contracted by the distances.
+coordinates of a point in the frame of a few others are its coordinates along successive projection
+axes, so the formulas of the projection bound them. Boxes in a fixed frame are contracted by the
+distances.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def enclose_in_frame(box: FloatArray, frame: IntArray) -> FloatArray:
                 enclosure[point, UPPER, axis] = high
         if not on_line:
             projected = np.zeros_like(box)
-            # Nothing is known of the points that the projection leaves out.
+            # Points that the projection leaves out are unbounded.
             projected[UPPER] = np.inf
             for i in range(n_points):
                 projected[UPPER, i, i] = 0.0
@@ -121,7 +121,7 @@ def contract_coordinate_boxes(
     """
     Contract boxes of coordinates by the distances between their points, in place.
 
-    False when some box is left without any point.
+    Return False if some box becomes empty.
     """
     n_points, dimension = low.shape
     for _ in range(sweeps):
@@ -157,7 +157,7 @@ def contracted_side(
     s_upper_m2: float,
 ) -> tuple[float, float]:
     """
-    Bound one coordinate of point i by its distance to point j; reversed when there is none.
+    Bound one coordinate of point i by its distance to point j; reversed if there is none.
 
     The squared difference of the two coordinates lies between ``s_lower_m2 - most`` and
     ``s_upper_m2 - least``, where `least` and `most` bound what the other axes contribute.
@@ -199,10 +199,10 @@ def _squares_of_other_axes(
 
 
 MOST_CONTRACTIONS = 8
-"""How often a box is contracted before it is bisected."""
+"""Most contractions of a box before it is bisected."""
 
 MOST_LEAVES = 512
-"""Boxes are bisected no more when there are this many."""
+"""Number of boxes from which on none is bisected."""
 
 
 @kernel
@@ -249,7 +249,7 @@ def _leaves(
 def regions_of_point(
     enclosure: FloatArray, lower: FloatArray, upper: FloatArray, least_ratio: float
 ) -> FloatArray:
-    """Return the regions in which a point can be, by its distances to some others."""
+    """Return the regions that a point can be in, by its distances to other points."""
     count, _, dimension = enclosure.shape
     low, high = np.empty((count + 1, dimension)), np.empty((count + 1, dimension))
     low[0], high[0] = -np.inf, np.inf
@@ -270,9 +270,9 @@ def distances_to_region(
     region: FloatArray, enclosure: FloatArray, box: FloatArray, point: int
 ) -> bool:
     """
-    Narrow the distances of one point to the first others by the region it is in.
+    Narrow the distances from one point to the first others by its region.
 
-    False when nothing is left.
+    Return False if a distance becomes empty.
     """
     for x in range(len(enclosure)):
         low, high = 0.0, 0.0

@@ -4,10 +4,10 @@
 """
 Reduction on the line (Section 4.2, Algorithm 1).
 
-Of three points on a line the distances obey d_ik = |d_ij - d_jk| or d_ik = d_ij + d_jk. When j is
-the image of a face with a known side, only one of the two is left. Where Algorithm 1 takes the
-hull of the two branches after each j, their union is kept here, the unions over all j are
-intersected, and the hull is taken last; what separates the branches becomes a gap.
+The distances of three points on a line obey d_ik = |d_ij - d_jk| or d_ik = d_ij + d_jk. If j is
+the image of a face with a known side, only one of the two is left. Algorithm 1 takes the hull of
+the two branches after each j. Here their union is kept, the unions over all j are intersected, and
+the hull is taken last; the space between the branches becomes a gap.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from dg_localization.solver.box import (
 from dg_localization.solver.contract.projection import lanes_of
 
 BOTH = 2
-"""The side of two points with constraints for the same side and for opposite ones."""
+"""The side of two points with constraints for both the same and opposite sides."""
 
 
 @kernel(inlined=True)
@@ -46,9 +46,9 @@ def _restrict(
     far_high: float,
 ) -> bool:
     """
-    Intersect the two parts of pair (i, k) with a near and a far branch; False when empty.
+    Intersect the two parts of pair (i, k) with a near and a far branch; return False if empty.
 
-    The branches do not overlap: the caller joins them where they do.
+    The branches must not overlap: the caller joins overlapping ones.
     """
     low = distance[LOWER, i, k]
     high = distance[UPPER, i, k]
@@ -143,7 +143,7 @@ def _known_branches(
     merged: int,
     sigma: NDArray[np.int8],
 ) -> tuple[float, float, float, float]:
-    """Return the branches of d_ik that are left where one of i, j, k is the merged point."""
+    """Return the remaining branches of d_ik if one of i, j, k is the merged point."""
     near_low, near_high, far_low, far_high = branches
     i, j, k = triple
     if j == merged:
@@ -226,10 +226,10 @@ def _find_open(
     distance: FloatArray, z: int, count: int, is_open: NDArray[np.bool_], n_open: IntArray
 ) -> None:
     """
-    Note which pairs may have to be restricted by their distances from the point in row `z`.
+    Mark the pairs that may have to be restricted by their distances from the point in row `z`.
 
-    A pair lies in one branch as it is where it does so before the branches are rounded outward.
-    This decides only what is looked at. What lies in spare lanes has no meaning.
+    A pair that lies in one branch before the branches are rounded outward needs no restriction.
+    This only selects the pairs to examine. Values in spare lanes are meaningless.
     """
     z_lower, z_upper = distance[LOWER, z], distance[UPPER, z]
     for x in range(count):
@@ -253,7 +253,7 @@ def _find_open(
 
 @kernel(inlined=True)
 def _open_known(at: int, z: int, count: int, is_open: NDArray[np.bool_], n_open: IntArray) -> None:
-    """Open the pairs whose branches through `z` known sides from the point in row `at` decide."""
+    """Mark pairs whose branches through `z` are decided by known sides of the row `at`."""
     for x in range(count):
         if z == at or x == at:
             for y in range(x):
@@ -278,7 +278,7 @@ def reduce_line(
     """
     Reduce the squared distances of points on a line, in place (Algorithm 1).
 
-    False when no arrangement on a line is left.
+    Return False if no arrangement on a line is left.
     """
     count = len(points)
     at = -1
@@ -287,7 +287,7 @@ def reduce_line(
             at = x
     _set_roots(box, distance, count)
     for turn in range(min(count, n_through)):
-        # The image of an axis, known best from it, is in the last row.
+        # The last row, the image of an axis, comes first: it is known best.
         z = turn - 1 if turn > 0 else count - 1
         _find_open(distance, z, count, is_open, n_open)
         if at >= 0:

@@ -4,11 +4,10 @@
 """
 Contraction by linear combinations of all measured distances at once.
 
-Projections see a few points at a time; where errors run through a chain of them, the bounds they
-give are wider than the measurements allow. Here all measured pairs bound a pair together
-(`linearization`), with the multipliers of weighted least squares and bounds of the displacements
-from interval Newton steps (`newton`). The paper has no such step; it only
-projects.
+Projections use a few points at a time; if errors run through a chain of points, their bounds are
+wider than the measurements allow. Here all measured pairs together bound a pair (`linearization`),
+with multipliers of weighted least squares and bounds of the displacements from interval Newton
+steps (`newton`). The paper has no such step; it only projects.
 """
 
 from __future__ import annotations
@@ -80,7 +79,7 @@ def _narrow_all_pairs(
     errors: FloatArray,
     explained: FloatArray,
 ) -> bool:
-    """Narrow every pair by the combination that estimates it; False when nothing is left."""
+    """Narrow every pair by the combination that estimates it; return False if one is empty."""
     n_points, dimension = linear.reference.shape
     n_edges = len(linear.edges)
     target = np.zeros((n_points, dimension))
@@ -100,7 +99,7 @@ def _narrow_all_pairs(
                 width += abs(multipliers[m]) * errors[m]
             explained[i, j] = explained[j, i] = width
             estimable = edge_of[i, j] < 0 or leave_out(multipliers, edge_of[i, j])
-            # Rounding and the square of the pair apart, a wider combination gains nothing.
+            # Except for rounding and the square of the pair, a wider combination gains nothing.
             width = combined_width(linear, multipliers) if estimable else np.inf
             if width < box[UPPER, i, j] - box[LOWER, i, j]:
                 low, high = bound_linear_function(linear, multipliers, target)
@@ -124,13 +123,13 @@ def groups_of(problem: Problem, smoothed: FloatArray) -> list[Group]:
     """
     Return the points of a problem in groups that chains of measured pairs connect.
 
-    These are bounded by each other in its box, once that meets the triangle inequalities.
+    In a box that meets the triangle inequalities, all pairs of a group are bounded.
     """
     first = np.isfinite(smoothed[UPPER]).argmax(axis=1)
     pairs = problem.pairs.measured
     ends, groups = first[pairs], []
     for number in set(ends[:, 0].tolist()):
-        # Where a chain overflows, its pairs are left out.
+        # Pairs are left out if a chain overflows.
         points, among = np.flatnonzero(first == number), pairs[(ends == number).all(axis=1)]
         errors = problem.upper[among[:, 0], among[:, 1]] - problem.lower[among[:, 0], among[:, 1]]
         groups.append(Group(points, np.searchsorted(points, among), errors))
@@ -139,10 +138,10 @@ def groups_of(problem: Problem, smoothed: FloatArray) -> list[Group]:
 
 MAX_COMBINATIONS = 4
 LEAST_COMBINATION_GAIN = 0.5
-"""Linear combinations are repeated, at most so often, while they halve some interval."""
+"""Linear combinations are repeated, up to this number of times, while they halve some interval."""
 
 REFERENCE_STEPS = 3
-"""Steps of least squares towards the reference placement, which need not agree with anything."""
+"""Least-squares steps towards the reference placement, which need not meet any bound."""
 
 
 @kernel
@@ -152,10 +151,10 @@ def combine(
     """
     Narrow connected points by linear combinations of measured pairs, as long as that gains much.
 
-    The widths that measurement errors explain are written in m^2, and nothing where the
-    measurements do not make the points rigid. False when the box is proved to hold no placement.
+    The widths that measurement errors explain are written in m^2 if the measurements make the
+    points rigid. Return False if the box is proved to hold no placement.
     """
-    # Any placement serves as a reference, that of the box as it was as well as a new one.
+    # Any placement serves as a reference, so it is not recomputed for the narrowed box.
     positions = place(box, dimension, REFERENCE_STEPS)
     for _ in range(MAX_COMBINATIONS):
         widths = box[UPPER] - box[LOWER]

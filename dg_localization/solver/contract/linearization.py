@@ -8,14 +8,14 @@ Around any reference placement x*, with displacements e_i = x_i - x*_i,
 
     s_ij(x) = s_ij(x*) + 2 (x*_i - x*_j) . (e_i - e_j) + |e_i - e_j|^2
 
-holds exactly, whatever the displacements. Let g_kl be the gradient of the pair that is sought
-and g_m those of the measured pairs m. For any multipliers y_m,
+holds exactly for all displacements. Let g_kl be the gradient of the wanted pair and g_m the
+gradients of the measured pairs m. For any multipliers y_m,
 
     s_kl = s_kl(x*) + |e_kl|^2 + sum_m y_m (s_m - s_m(x*) - |e_m|^2) + (g_kl - sum_m y_m g_m) . e
 
-so any y gives a bound, and a y that makes the last term vanish gives a good one. The squares are
-bounded with enclosures of the displacements in the frame of a few points. The terms in brackets
-are the linearization residuals.
+so any y gives a bound, and a y that makes the last term vanish gives a good bound. The squares are
+bounded by enclosures of the displacements in the frame of a few points. The terms in brackets are
+the linearization residuals.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def _extend_basis(positions: FloatArray, frame: IntArray, basis: FloatArray, ran
 
 @kernel
 def point_errors_m(box: FloatArray, others: IntArray) -> FloatArray:
-    """Return how far the distances of each point to some others are open, none of them exact."""
+    """Return the widths of the distances of each point to other points, all above zero."""
     n_points = box.shape[1]
     errors = np.empty(n_points)
     extent = math.sqrt(box[UPPER].max())
@@ -83,7 +83,7 @@ def point_errors_m(box: FloatArray, others: IntArray) -> FloatArray:
 
 @kernel
 def choose_axis(positions: FloatArray, errors: FloatArray, frame: IntArray) -> bool:
-    """Choose the first two points of a frame: far apart, known well; False when all coincide."""
+    """Choose two far, well known first points of a frame; return False if all coincide."""
     n_points, dimension = positions.shape
     arm = np.empty(dimension)
     basis = np.empty((0, dimension))
@@ -102,7 +102,7 @@ def complete_frame(
     positions: FloatArray, errors: FloatArray, frame: IntArray, basis: FloatArray
 ) -> bool:
     """
-    Choose the points of a frame after its first two; False when there are too few points.
+    Choose the points of a frame after its first two; return False if there are too few.
 
     Every choice is sound. A good one spans a large simplex and is known well.
     """
@@ -170,7 +170,7 @@ VALUE, MAGNITUDE = 0, 1
 """A sum, and the sum of the absolute values of its terms."""
 
 ROUNDINGS = 4.0
-"""A term of a sum is rounded so often besides once with each sum: where it is made."""
+"""Roundings of a term when it is computed, in addition to those of the sum."""
 
 
 class Linearization(NamedTuple):
@@ -184,7 +184,7 @@ class Linearization(NamedTuple):
     reference: FloatArray  # (n, q): the reference placement x*, in m
     edges: IntArray  # (m, 2): the measured pairs
     gradients: FloatArray  # (m, q): by the displacement of the first point, in m
-    unknowns: IntArray  # (n, q): the number of each unknown displacement, -1 for a known one
+    unknowns: IntArray  # (n, q): the index of each unknown displacement, -1 for a known one
     displacements: FloatArray  # (n, 2, q): bounds of the displacements, in m
     residuals: FloatArray  # (m, 2): bounds of the residuals, in m^2
     remainder: FloatArray  # (2, n, q): scratch space, a vector of sums and their magnitudes
@@ -195,10 +195,10 @@ def linearize(
     box: FloatArray, positions: FloatArray, edges: IntArray, errors_m: FloatArray, frame: IntArray
 ) -> tuple[Linearization, int]:
     """
-    Return the linearization about a placement in a frame, whose first two points are given.
+    Return the linearization about a placement in a frame with given first two points.
 
-    Also returned is the number of unknown displacements: -1 when no placement is left, -2 when
-    the measured pairs do not determine them, or one of the two is out of range.
+    Also return the number of unknown displacements, or -1 if no placement is left, or -2 if the
+    measured pairs do not determine the displacements or a value is out of range.
     """
     n_points, dimension = positions.shape
     linear = Linearization(
@@ -222,9 +222,9 @@ def linearize(
 @kernel
 def _set_displacements(box: FloatArray, frame: IntArray, linear: Linearization) -> int:
     """
-    Bound the displacements and number the unknown ones.
+    Bound the displacements and index the unknown ones.
 
-    Returns their number, -1 when no placement is left and -2 when some are unbounded.
+    Return their number, -1 if no placement is left, or -2 if some are unbounded.
     """
     reference, unknowns, displacements = linear.reference, linear.unknowns, linear.displacements
     n_points, dimension = reference.shape
@@ -274,7 +274,7 @@ def set_residuals(box: FloatArray, linear: Linearization, relative: FloatArray) 
 
 @kernel(borrows=True)
 def combined_width(linear: Linearization, multipliers: FloatArray) -> float:
-    """Return how wide the residuals make a combination of the measured pairs, about."""
+    """Return the approximate width of a combination of the measured pairs by their residuals."""
     width = 0.0
     for m in range(len(multipliers)):
         width += abs(multipliers[m]) * (linear.residuals[m, UPPER] - linear.residuals[m, LOWER])
@@ -337,8 +337,7 @@ def narrow_to_linear(
     """
     Narrow a pair whose linear part lies in [low, high]; return whether anything is left.
 
-    What is added is its value in the reference placement and the square of its relative
-    displacement.
+    Its value in the reference placement and the square of its relative displacement are added.
     """
     square_low = 0.0
     square_high = 0.0

@@ -4,11 +4,11 @@
 """
 Contraction of pairs by linear programs, in a frame at two points.
 
-In the frame of two points neither turns against the other: the square of their relative
-displacement is nearly known, and those of the pairs around them are small. With the multipliers of
-the linear program (`simplex`), what is left is close to the linearized hull. A frame costs
-as much as a pass over the whole box does, so this is a means of tightening, and a frame serves all
-pairs that share a point with it.
+In the frame of two points neither rotates against the other: the square of their relative
+displacement is nearly known, and the squares of the pairs around them are small. With the
+multipliers of the linear program (`simplex`), the bounds are close to the linearized hull. A frame
+costs as much as a pass over the whole box, so it is used for tightening only, and serves all pairs
+that share a point with it.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ MOST_PROGRAM_STEPS = 4
 """Most Newton steps with multipliers of linear programs, after those of least squares."""
 
 MOST_STEPS = 20
-"""Interval Newton steps: in a box as wide as these are they gain little each at first."""
+"""Most interval Newton steps: in wide boxes each step gains little at first."""
 
 TOLERANCE = 0.03
-"""By which fraction of their widths measured pairs may leave their bounds in a linear program."""
+"""Fraction of their widths by which measured pairs may violate bounds in a linear program."""
 
 
 @kernel
@@ -57,10 +57,10 @@ def contract_in_frame(
     explained: FloatArray,
 ) -> bool:
     """
-    Narrow some pairs of a box in place, in the frame of the first of them; False: it is empty.
+    Narrow some pairs of a box in place, in the frame of the first pair; return False if empty.
 
-    Any placement is sound; the upper bounds of the box are finite. What the errors explain of the
-    width of each pair to first order, in m^2, is written where there is a linear program.
+    Any placement is sound; the upper bounds of the box are finite. The widths that errors explain
+    to first order, in m^2, are written for pairs with a linear program.
     """
     n_points, dimension = positions.shape
     frame = np.full(dimension + 1, -1)
@@ -98,7 +98,7 @@ def contract_in_frame(
 
 @kernel
 def _programs_of(linear: Linearization, n_unknowns: int) -> LinearPrograms:
-    """Return the linear programs of the measured pairs; they see every change of the residuals."""
+    """Return the linear programs of the measured pairs, which share the array of residuals."""
     n_edges, dimension = linear.gradients.shape
     slopes = np.zeros((n_unknowns, n_edges))
     for m in range(n_edges):
@@ -114,7 +114,7 @@ def _programs_of(linear: Linearization, n_unknowns: int) -> LinearPrograms:
 def _narrow_by_programs(
     linear: Linearization, programs: LinearPrograms, relative: FloatArray, errors: FloatArray
 ) -> float:
-    """Narrow the relative displacements of the measured pairs; return the gain, -1 when empty."""
+    """Narrow the relative displacements of the measured pairs; return the gain, -1 if empty."""
     n_points, dimension = linear.reference.shape
     target = np.zeros((n_points, dimension))
     largest_gain = 0.0
@@ -135,7 +135,7 @@ def _narrow_by_programs(
 def _bound_by_program(
     linear: Linearization, programs: LinearPrograms, target: FloatArray, errors: FloatArray
 ) -> tuple[float, float, float]:
-    """Bound a linear function of the displacements; return its bounds, and what errors explain."""
+    """Return bounds of a linear function of the displacements, and the width errors explain."""
     n_unknowns = len(programs.active)
     function = programs.table[n_unknowns]
     multipliers = np.empty(len(linear.edges))

@@ -4,10 +4,10 @@
 """
 Bounds of the displacements, narrowed by interval Newton steps with more equations than unknowns.
 
-The squares of relative displacements are what the residuals of the measured pairs lack. A relative
-displacement is known far better than the displacement of either end: a fleet can be turned
-further than it can be deformed. The measured pairs are combined with the multipliers of weighted
-least squares; any multipliers give bounds (`linearization`), so these are not rounded outward.
+The residuals of the measured pairs need bounds of squared relative displacements. A relative
+displacement is known far better than the displacement of either end: a fleet can rotate further
+than it can deform. The measured pairs are combined with the multipliers of weighted least squares;
+any multipliers give bounds (`linearization`), so these are not rounded outward.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ from dg_localization.solver.contract.linearization import (
 )
 
 LEAST_WIDTH_RATIO = 1e-3
-"""No width counts as less than this fraction of the largest: the normal equations square it."""
+"""Least width as a fraction of the largest width, since the normal equations square it."""
 
 LEAST_PIVOT = 1e-13
 """A pivot that keeps less than this fraction of its diagonal entry counts as zero."""
 
 LEAST_SHARE = 1e-6
-"""A measured pair is bounded by the others when they make up at least this share of it."""
+"""A measured pair is bounded by the others if they contribute at least this share of it."""
 
 
 @kernel(borrows=True)
 def _invert(matrix: FloatArray) -> bool:
-    """Replace a symmetric positive definite matrix by its inverse; False when it is singular."""
+    """Replace a symmetric positive definite matrix by its inverse; return False if singular."""
     size = len(matrix)
     for i in range(size):
         diagonal = matrix[i, i]
@@ -77,7 +77,7 @@ def _invert(matrix: FloatArray) -> bool:
 @kernel
 def set_inverse(widths: FloatArray, linear: Linearization, inverse: FloatArray) -> bool:
     """
-    Write the least-squares inverse of the gradients, weighted by the widths; False: singular.
+    Write the least-squares inverse of the gradients, weighted by widths; False if singular.
 
     Each row, of shape (m,), holds the multipliers that estimate one unknown displacement.
     """
@@ -115,7 +115,7 @@ def set_inverse(widths: FloatArray, linear: Linearization, inverse: FloatArray) 
 
 @kernel
 def _set_weights(widths: FloatArray, linear: Linearization, weights: FloatArray) -> None:
-    """Write the weight of each measured pair: the narrower it is, the greater."""
+    """Write the weight of each measured pair, which is greater for narrower pairs."""
     scale_m2 = 0.0
     for m in range(len(widths)):
         i, j = linear.edges[m, 0], linear.edges[m, 1]
@@ -150,9 +150,9 @@ def set_multipliers(
 @kernel(inlined=True)
 def leave_out(multipliers: FloatArray, own: int) -> bool:
     """
-    Estimate a measured pair by the others alone; return whether they are enough.
+    Estimate a measured pair by the others alone; return whether they suffice.
 
-    The estimate contains the pair itself with some share, which is taken out.
+    The estimate contains a share of the pair itself, which is removed.
     """
     share = 1.0 - multipliers[own]
     if not share > LEAST_SHARE:
@@ -167,8 +167,8 @@ LEAST_NEWTON_GAIN = 0.1
 """A step that shortens no interval by more than this fraction is the last."""
 
 MOST_TIMES_AS_WIDE = 1.5
-"""A bound is not computed where the residuals alone make it this many times as wide as what is
-known: it seldom cuts off an end."""
+"""A bound is not computed if the residuals alone make it this many times wider than the known
+bounds: it would rarely cut off an end."""
 
 
 @kernel
@@ -178,10 +178,10 @@ def narrow_displacements(
     """
     Narrow the displacements and write the residuals of the measured pairs.
 
-    Each step weighs the pairs by their residuals anew, so that a pair whose square is not bounded
-    yet spoils no other.
+    Each step weighs the pairs by their residuals again, so that a pair with an unbounded square
+    spoils no other pair.
 
-    False when no placement is left.
+    Return False if no placement is left.
     """
     inverse = np.empty((linear.unknowns.max() + 1, len(linear.edges)))
     relative[:, LOWER] = -np.inf
@@ -207,7 +207,7 @@ def _newton_step(linear: Linearization, inverse: FloatArray, relative: FloatArra
     """
     Narrow the displacements of all pairs and points once.
 
-    Returns the largest relative gain of a pair; a negative number where no placement is left.
+    Return the largest relative gain of a pair; a negative number if no placement is left.
     """
     n_points, dimension = linear.reference.shape
     target = np.zeros((n_points, dimension))
@@ -244,8 +244,8 @@ def _narrow_by(
     bounds: FloatArray,
     axis: int,
 ) -> float:
-    """Narrow bounds by a combination that may gain; return the gain, negative when empty."""
-    # It may also where nothing is bounded yet, and a width is infinite or NaN.
+    """Narrow bounds by a combination that may gain; return the gain, negative if empty."""
+    # It may also gain if nothing is bounded yet, and a width is infinite or NaN.
     known = bounds[UPPER, axis] - bounds[LOWER, axis]
     if combined_width(linear, multipliers) > MOST_TIMES_AS_WIDE * known:
         return 0.0
@@ -255,7 +255,7 @@ def _narrow_by(
 
 @kernel(borrows=True)
 def _narrow_relative(linear: Linearization, relative: FloatArray) -> bool:
-    """Narrow the relative displacements of pairs to what those of their points leave."""
+    """Narrow the relative displacements of pairs by the displacements of their points."""
     displacements = linear.displacements
     for m in range(len(linear.edges)):
         i, j = linear.edges[m, 0], linear.edges[m, 1]
@@ -273,7 +273,7 @@ def _narrow_relative(linear: Linearization, relative: FloatArray) -> bool:
 
 @kernel(borrows=True)
 def narrow_bounds(bounds: FloatArray, axis: int, low: float, high: float) -> float:
-    """Narrow the bounds along one axis; return the relative gain, negative where none are left."""
+    """Narrow the bounds along one axis; return the relative gain, negative if empty."""
     low = max(low, bounds[LOWER, axis])
     high = min(high, bounds[UPPER, axis])
     if low > high:

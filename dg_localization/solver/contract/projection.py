@@ -29,7 +29,7 @@ from dg_localization.solver.contract.axis_bounds import (
 )
 
 LANES = 8 if COMPILED else 1
-"""The number of pairs of a row that are done at a time."""
+"""The number of pairs of a row that are processed at a time."""
 
 (
     A_LOWER,
@@ -51,7 +51,7 @@ class Rows(NamedTuple):
     The last row stands for the common image of a and b, the others for the projected points.
     """
 
-    points: IntArray  # (n,): what each row is in the box that is projected
+    points: IntArray  # (n,): the point of each row in the projected box
     ends: FloatArray  # (8, w): bounds of A, B, A - B and t (Eq. 7)
     squared: FloatArray  # (2, n, w): s_ij before the projection, in m^2
     along: FloatArray  # (2, n, w): bounds of t_i - t_j, in m
@@ -75,13 +75,13 @@ def make_rows(n_points: int) -> Rows:
     )
 
 
-# Plain Python calls the functions above, which never wait for a compiler.
+# Plain Python calls the original functions, which never wait for a compiler.
 lanes_of = kernel(whole_lanes)
 new_rows = kernel(make_rows)
 
 
 LEAST_AXIS_RATIO = 0.3
-"""A pair serves as an axis when its squared distance is known to this ratio of its bounds."""
+"""Least ratio of the bounds of the squared distance of a pair that serves as an axis."""
 
 
 @kernel(borrows=True)
@@ -102,7 +102,7 @@ def project(box: FloatArray, rows: Rows, points: IntArray, a: int, b: int) -> in
     count = 0
     for x in range(len(points)):
         i = points[x]
-        # Others may be anywhere.
+        # Other points are unbounded.
         if i != a and i != b and box[UPPER, a, i] < math.inf and box[UPPER, b, i] < math.inf:
             rows.points[count] = i
             count += 1
@@ -112,7 +112,7 @@ def project(box: FloatArray, rows: Rows, points: IntArray, a: int, b: int) -> in
     d_lower, d_upper = sqrt_down(box[LOWER, a, b]), sqrt_up(box[UPPER, a, b])
     stop = lanes_of(count)
     for y in range(stop):
-        # Spare lanes hold a point over again.
+        # Spare lanes repeat a point.
         i = rows.points[min(y, count - 1)]
         rows.ends[A_LOWER, y], rows.ends[A_UPPER, y] = box[LOWER, a, i], box[UPPER, a, i]
         rows.ends[B_LOWER, y], rows.ends[B_UPPER, y] = box[LOWER, b, i], box[UPPER, b, i]
@@ -189,7 +189,7 @@ def _gather_row(box: FloatArray, rows: Rows, x: int, count: int) -> int:
         j = rows.points[y]
         row_lower[y], row_upper[y] = lower[j], upper[j]
         n_gaps += gap_lower[j] < gap_upper[j]
-    # Nothing is known of what lies in the other lanes.
+    # The spare lanes are unbounded.
     row_lower[x], row_upper[x] = 0.0, math.inf
     for y in range(count, lanes_of(count)):
         row_lower[y], row_upper[y] = 0.0, math.inf

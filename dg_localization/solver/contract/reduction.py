@@ -40,7 +40,7 @@ MOST_THROUGH = 16
 """On the line, points are compared through this many of the best known others."""
 
 Face = tuple[int, int, int]
-"""The points of a face; -1 for those that it has less than three."""
+"""The points of a face, filled up to three with -1."""
 
 NO_FACE = (-1, -1, -1)
 
@@ -169,8 +169,8 @@ def reduce_space(work: Workspace, sides: Sides, count: int, a: int, b: int) -> b
         if is_axis(rows.across, last, x):
             if not reduce_projected_plane(work, sides, points, last, x, (a, b, rows.points[x])):
                 return False
-    # The others span no face {a, b, e}, cost n times as much, and save enough boxes only where
-    # points are few (benchmarks/notes).
+    # Other axes span no face {a, b, e}, cost n times as much, and save enough boxes only if there
+    # are few points (benchmarks/notes).
     if n_projected < SMALL_FLEET:
         for x in range(last):
             for y in range(x + 1, last):
@@ -182,7 +182,7 @@ def reduce_space(work: Workspace, sides: Sides, count: int, a: int, b: int) -> b
 
 @kernel(inlined=True)
 def _reduce_whole_line(work: Workspace, sides: Sides, merged: int) -> bool:
-    """Reduce a fleet on a line, whose box has no spare lanes."""
+    """Reduce a fleet on a line; its box has no spare lanes."""
     box, across = work.box, work.across[0]
     count = box.shape[1]
     for x in range(count):
@@ -239,10 +239,10 @@ def apply_axes(
     """
     Project along one axis after the other, reduce, and back-project.
 
-    Called as ``apply_axes(*work, *sides, dimension, axes, count)``: what enters from Python enters
+    Called as ``apply_axes(*work, *sides, dimension, axes, count)``: arguments from Python are
     flat, because numba takes six times as long to unpack named tuples.
 
-    False when the box is proved to hold no placement.
+    Return False if the box is proved to hold no placement.
     """
     work = Workspace(
         box,

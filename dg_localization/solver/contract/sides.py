@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Known sides of points in the form the kernels want.
+Known sides of points in the arrays of the kernels.
 
 One camera that sees q others fixes the chirality of q + 1 points; two chiralities that share a
 face F fix a side, sigma_{F;i,k} = -chi(F, i) chi(F, k) (Section 3).
@@ -31,7 +31,7 @@ class Sides(NamedTuple):
 
     The rows ``start[f0, f1]`` to ``stop[f0, f1]`` belong to the faces whose two smallest points
     are f0 < f1 (f0 = f1 in one dimension). Each row is (third point or -1, group, apex, sign).
-    Two apexes of one face and group lie on the same side where their signs agree.
+    Two apexes of one face and group lie on the same side if their signs agree.
     """
 
     start: IntArray
@@ -81,7 +81,7 @@ def set_sigma(
     """
     Write the side of all pairs of apexes of a face, or clear it; return whether any is known.
 
-    Two constraints that contradict each other leave both: such points lie on the face.
+    Two contradicting constraints give `BOTH`: such points lie on the face.
     """
     known = False
     stop = sides.stop[f0, f1]
@@ -191,7 +191,7 @@ def _least_volume(box: FloatArray, simplex: IntArray) -> float:
 
 @kernel
 def farthest_apex(box: FloatArray, face: IntArray, others: IntArray) -> int:
-    """Return the point of `others` farthest from a hyperplane for certain, -1 without one."""
+    """Return the point of `others` with the greatest proved distance from a face, or -1."""
     best = -1
     farthest = 0.0
     simplex = np.empty(len(face) + 1, dtype=np.int64)
@@ -206,7 +206,7 @@ def farthest_apex(box: FloatArray, face: IntArray, others: IntArray) -> int:
 
 def chiralities_are_possible(box: FloatArray, chiralities: Sequence[Chirality]) -> bool:
     """
-    Return whether chiralities may hold together in a box; False is a proof that they do not.
+    Return whether chiralities may hold together in a box; False proves that they do not.
 
     Every simplex is compared with the first one.
     """

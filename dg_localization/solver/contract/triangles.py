@@ -27,10 +27,10 @@ def smooth_triangles(box: FloatArray, distance: FloatArray, points: IntArray) ->
     """
     Enforce d_ij - d_jk <= d_ik <= d_ij + d_jk over all triangles, in place.
 
-    Upper bounds first, as shortest paths (Floyd and Warshall); then lower bounds, which need the
-    final upper bounds and one pass in the same order (Dress and Havel, 1988).
+    Upper bounds come first, as shortest paths (Floyd and Warshall); then lower bounds, which need
+    the final upper bounds and one pass in the same order (Dress and Havel, 1988).
 
-    False when the triangle inequalities contradict each other.
+    Return False if the triangle inequalities contradict each other.
     """
     count = len(points)
     for x in range(count):
@@ -79,12 +79,12 @@ def smooth_triangles(box: FloatArray, distance: FloatArray, points: IntArray) ->
 
 
 def smooth(box: FloatArray) -> bool:
-    """Have a whole box meet the triangle inequalities in place; False where no distances do."""
+    """Enforce the triangle inequalities on a whole box in place; return False if impossible."""
     return bool(smooth_triangles(box, np.empty_like(box), np.arange(box.shape[1])))
 
 
 ANGLE_SWEEPS = 3
-"""Passes over all angles: one may use what another has contracted."""
+"""Passes over all angles: one angle may use sides that another has contracted."""
 
 
 @kernel
@@ -119,7 +119,7 @@ def contract_opposite_side(
                 greatest = math.inf
                 continue
             y = min(max(x * high_cosine, sides[free, 0]), sides[free, 1])
-            # No part exceeds (x + y)^2; where that overflows nothing is known.
+            # No part exceeds (x + y)^2; if that overflows there is no bound.
             margin = rounding_error((x + y) * (x + y), 8.0)
             if math.isinf(margin):
                 return

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The widths of the pairs of a box, and what they are compared with."""
+"""The widths of the pairs of a box, and their limits."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from dg_localization.solver.problem import Problem
 
 @kernel(borrows=True)
 def largest_gain(box: FloatArray, widths: FloatArray) -> float:
-    """Return the largest relative reduction of a width from those before."""
+    """Return the largest relative reduction of the widths of pairs against earlier `widths`."""
     n_points = box.shape[1]
     gain = 0.0
     for i in range(n_points):
@@ -33,7 +33,7 @@ def largest_gain(box: FloatArray, widths: FloatArray) -> float:
 
 @kernel(borrows=True)
 def relative_error(box: FloatArray, i: int, j: int) -> float:
-    """Return how much of the squared distance of a pair is unknown, from 0 to 1."""
+    """Return the unknown fraction of the squared distance of a pair, from 0 to 1."""
     if np.isinf(box[UPPER, i, j]):
         return 1.0
     return 1.0 - box[LOWER, i, j] / max(box[UPPER, i, j], 1e-300)
@@ -43,7 +43,7 @@ def relative_error(box: FloatArray, i: int, j: int) -> float:
 def excess(
     box: FloatArray, explained: FloatArray, factor: float, resolution_m: float
 ) -> FloatArray:
-    """Return widths of pairs i < j as multiples of what is allowed; 0 where they are unbounded."""
+    """Return widths of pairs i < j as multiples of their limits; 0 for unbounded pairs."""
     n_points = box.shape[1]
     times = np.zeros((n_points, n_points))
     for i in range(n_points):
@@ -88,7 +88,7 @@ def axes_of(problem: Problem) -> IntArray:
 
 @kernel
 def rank_axes(box: FloatArray, axes: IntArray) -> IntArray:
-    """Return the axes in the order of how well the distances to their two ends are known."""
+    """Return the axes sorted by the precision of the distances to their ends."""
     n_points = box.shape[1]
     errors = np.empty((n_points, n_points))
     for i in range(n_points):
@@ -103,13 +103,13 @@ def rank_axes(box: FloatArray, axes: IntArray) -> IntArray:
             if i != a and i != b:
                 known += 1.0 / (0.01 + (errors[a, i] + errors[b, i]) + errors[a, b])
         badness[x] = -known
-    # Stable, and so the same with and without numba.
+    # A stable sort, so that the order is the same with and without numba.
     return axes[np.argsort(badness, kind='mergesort')]
 
 
 @kernel
 def rank_points(box: FloatArray, a: int, b: int, points: IntArray) -> None:
-    """Order the points by how well their distances to the ends of an axis are known."""
+    """Sort the points by the precision of their distances to the ends of an axis."""
     n_points = box.shape[1]
     errors = np.empty(n_points)
     for i in range(n_points):

@@ -4,8 +4,8 @@
 """
 Graphs of measured pairs: neighbors, connected parts, and points whose removal disconnects them.
 
-Everything in this room works on the graph alone. What it finds decides how much work a search
-has, never what is true: any set of points may be solved as a problem of its own.
+Everything in this package works on the graph only. Its results affect the work of a search, never
+the soundness: any set of points may be solved as a problem of its own.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def graph_of(n_points: int, pairs: IntArray) -> Graph:
 
 
 def restricted_pairs(n_points: int, pairs: IntArray, points: IntArray) -> IntArray:
-    """Return the pairs among some points, ascending, by their places in these."""
+    """Return the pairs among some points, ascending, renumbered by their order."""
     number = np.full(n_points, -1)
     number[points] = np.arange(len(points))
     ends = number[pairs]
@@ -81,7 +81,7 @@ def connected_parts(graph: Graph, removed: BoolArray) -> IntArray:
 
 @kernel
 def cut_points(graph: Graph, removed: BoolArray) -> BoolArray:
-    """Tell whose removal leaves more connected parts, after some points are removed already."""
+    """Return which points would disconnect the graph without `removed` points if removed too."""
     n_points = len(graph.start) - 1
     is_cut = np.zeros(n_points, dtype=np.bool_)
     number = np.full(n_points, -1)

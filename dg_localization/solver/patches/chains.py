@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Bounds of far pairs from chains of known ones.
+Bounds of far pairs from chains of known pairs.
 
-Two points are no farther apart than any chain of known pairs between them is long, and no nearer
-than a known pair at one of them exceeds the chain from its other end. Nothing else is known of a
-pair that no patch holds.
+The distance of two points is at most the length of any chain of known pairs between them. It is at
+least a known distance at one of them minus the length of a chain from its other end. A pair in no
+patch has only these bounds.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from dg_localization.solver.decompose.graph import Graph, graph_of
 
 
 class ChainGraph:
-    """Points and the bounds in m^2 of known pairs of them, the smaller point of each first."""
+    """Points and the bounds in m^2 of known pairs of them, smaller point first."""
 
     def __init__(
         self, n_points: int, pairs: IntArray, lower: FloatArray, upper: FloatArray
@@ -61,7 +61,7 @@ class ChainGraph:
     def pivot_lengths_m(
         self, most: int, stopped: Callable[[], bool]
     ) -> tuple[IntArray, FloatArray]:
-        """Return points that lie far from each other, and how long chains from them are."""
+        """Return points that are far from each other, and the lengths of chains from them."""
         pivots, lengths_m = [0], []
         nearest_m = np.full(self._n_points, np.inf)
         for _ in range(min(most, self._n_points)):
@@ -78,8 +78,8 @@ def _chain_lengths(graph: Graph, upper: FloatArray, source: int, radius_m: float
     """
     Return the length in m of the shortest chain from a source to each point, rounded up.
 
-    No chain is followed beyond a radius. (Bellman, Ford and Moore: points wait in a ring for
-    their neighbors to be looked at.)
+    No chain is followed beyond a radius. (Bellman, Ford and Moore: points wait in a ring buffer
+    until their neighbors are examined.)
     """
     n_points = len(graph.start) - 1
     length_m = np.full(n_points, np.inf)
@@ -113,7 +113,7 @@ def _bounds(
     size = len(points)
     low = np.zeros((size, size))
     high = np.full((size, size), np.inf)
-    # A chain from a neighbor shows that a pair exceeds it, and is of no use beyond its length.
+    # A chain from a neighbor gives a lower bound only if it is shorter than the known pair.
     radius_m = np.full(len(graph.start) - 1, -1.0)
     for x in range(size):
         high[x, x] = 0.0

@@ -5,11 +5,11 @@
 Placements: coordinates that meet the bounds of pairs.
 
 A first placement comes from the Cholesky factorization of the Gram matrix of a box's middle
-(Section 3, Eqs. 1-3). Where few pairs of many points are known, classical scaling lays them out by
-the shortest chains of known pairs: between all of them, or from some pivots to all (Brandes, Pich,
+(Section 3, Eqs. 1-3). If few pairs of many points are known, classical scaling uses the shortest
+chains of known pairs: between all of them, or from some pivots to all (Brandes, Pich,
 Graph Drawing 2006; de Silva, Tenenbaum 2004). Damped least squares over the pairs then moves all
 points together; the normal equations are sparse and solved by conjugate gradients. Nothing here is
-rounded outward: whether a placement agrees is decided in `proofs` and `existence`.
+rounded outward: `proofs` and `existence` decide whether a placement agrees.
 """
 
 from __future__ import annotations
@@ -31,21 +31,21 @@ MOST_STEPS = 40
 """Most steps of least squares."""
 
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-6, 1e-9, 1e3
-"""What is added to the diagonal of the normal equations of unit vectors."""
+"""Terms added to the diagonal of the normal equations of unit vectors."""
 
 
 class FitEffort(NamedTuple):
     """
-    How far least squares goes.
+    The stopping criteria of least squares.
 
     Parameters
     ----------
     least_gain : float
-        It ends when a step takes off less than this part of what is left.
+        It ends if a step reduces the rest by less than this fraction.
     least_residual : float
         The normal equations of a step are solved to this fraction,
     most_gradients : int
-        or with this many conjugate gradients.
+        or with this number of conjugate gradients.
 
     """
 
@@ -59,26 +59,26 @@ THOROUGH, QUICK, IN_BOX = (
     FitEffort(1e-2, 1e-2, 30),
     FitEffort(1e-2, 1e-6, 100),
 )
-"""To the end; in a third of the time with nearly as many placements found; for all pairs of a box,
-where each step has to be exact for mirror images to give the same answer."""
+"""To convergence; in a third of the time with nearly as many placements found; for all pairs of a
+box, where each step must be exact so that mirror images give the same answer."""
 
 
 MARGINS = (MARGIN, 0.02, 0.004)
-"""Exact distances and wide ones cannot both be aimed at far inside the wide ones."""
+"""Several margins are tried, since exact distances may not allow a large margin in wide ones."""
 
 
 def scaled(lengths_m: FloatArray, pivots: IntArray, dimension: int) -> FloatArray:
     """
     Return the placement that agrees best with the lengths from some points to all.
 
-    With those from all points it is that of classical scaling.
+    With the lengths from all points it is the placement of classical scaling.
     """
     longest_m = max(float(lengths_m.max()), np.finfo(float).tiny)
     squared = (lengths_m / longest_m) ** 2
     among = squared[:, pivots]
     centering = np.eye(len(pivots)) - 1.0 / len(pivots)
     values, vectors = np.linalg.eigh(-0.5 * centering @ among @ centering)
-    # Where the pivots lie on a line, nothing is known across it.
+    # Pivots on a line give no information across it.
     roots = np.sqrt(np.maximum(values[-dimension:], np.finfo(float).eps))
     positions = -0.5 * (squared.T - among.mean(axis=1)) @ (vectors[:, -dimension:] / roots)
     return np.ascontiguousarray(longest_m * positions)
@@ -128,7 +128,7 @@ def refine(
     effort: FitEffort,
     n_steps: int,
 ) -> tuple[FloatArray, float]:
-    """Take some steps of least squares; return the damping as well, infinite at the end."""
+    """Take some steps of least squares; also return the damping, which is infinite at the end."""
     best = positions.copy()
     misfits, slopes = misfits_of(best, pairs, lower, upper, margin)
     total = _dot(misfits, misfits)
@@ -151,7 +151,7 @@ def refine(
 
 @kernel(inlined=True)
 def _dot(first: FloatArray, second: FloatArray) -> float:
-    """Return the scalar product of two vectors, added up in one order with and without numba."""
+    """Return the scalar product of two vectors, summed in the same order without numba."""
     total = 0.0
     for x in range(len(first)):
         total += first[x] * second[x]
@@ -166,7 +166,7 @@ def misfits_of(
     upper: FloatArray,
     margin: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return by how many m the distances of pairs miss their bounds, and their unit vectors."""
+    """Return the violations of the bounds of pairs in m, and the unit vectors of the pairs."""
     dimension = positions.shape[1]
     misfits = np.zeros(len(pairs))
     slopes = np.zeros((len(pairs), dimension))

@@ -4,7 +4,7 @@
 """
 The proof that a placement agrees with a problem.
 
-Coordinates are taken as exact. What outward rounding cannot decide is decided in rationals.
+Coordinates count as exact. If outward rounding cannot decide, exact rationals do.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def _first_not_inside(
     """
     Return the first pair whose squared distance is not proved to lie within its bounds.
 
-    The count of the pairs where there is none; also whether it is proved to lie outside.
+    Return the number of pairs if there is none; also return whether it is proved to lie outside.
     """
     for x in range(first, len(pairs)):
         least, most = 0.0, 0.0
@@ -63,7 +63,7 @@ def lies_in(box: FloatArray, positions: FloatArray) -> bool:
     """
     Prove that a placement lies in a box.
 
-    True is a proof, as that of `agrees`.
+    True is a proof, as in `agrees`.
     """
     if not np.isfinite(positions).all():
         return False
@@ -76,7 +76,7 @@ def chirality_signs(positions: FloatArray, simplices: IntArray) -> IntArray:
     """
     Return the exact signs of det[p2 - p1, ..., p(q+1) - p1] of simplices.
 
-    What outward rounding leaves open is decided in rationals.
+    Exact rationals decide the signs that outward rounding leaves open.
     """
     corners = Interval.point(positions)[simplices]
     with np.errstate(over='ignore'):
@@ -109,7 +109,7 @@ def with_known_chirality(problem: Problem, positions: FloatArray) -> FloatArray:
     """
     Return `positions` or their mirror image, whichever has the first known chirality.
 
-    Where some are not finite, they have none and are returned as they are.
+    Positions that are not all finite have none and are returned unchanged.
     """
     if not np.isfinite(positions).all():
         return positions
@@ -128,7 +128,7 @@ def agrees(problem: Problem, positions: FloatArray) -> bool:
     Prove that a placement meets every constraint of a problem.
 
     True is a proof: distances are compared after outward rounding and chiralities by the signs of
-    determinants, or both in exact rationals where rounding leaves it open.
+    determinants, or both in exact rationals if rounding leaves them open.
     """
     known = problem.pairs
     if not np.isfinite(positions).all():
