@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What to say where an optional Python package is missing."""
+"""Install hints for missing optional Python packages."""
 
 from importlib.metadata import version
 import sys

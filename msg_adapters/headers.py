@@ -27,8 +27,8 @@ class CdrWriter:
     Writes the fields of a message one after the other, each at its alignment.
 
     The kinds of fields are `B` a byte or a bool, `i` and `I` 32 bits, `s` a string, `f` and `d` an
-    array of numbers, whose length is a field of its own before if it is a sequence, `b` bytes, and
-    `h` a `std_msgs/Header` of a stamp in s and a frame.
+    array of numbers (the length of a sequence is a separate field before it), `b` bytes, and `h` a
+    `std_msgs/Header` of a stamp in s and a frame.
     """
 
     def __init__(self) -> None:

@@ -223,9 +223,9 @@ def learn_odometry(
     of_each: bool,
 ) -> tuple[dict[str, OdometryErrorModel], list[str]]:
     """
-    Return the bounds of odometry by robot, and sentences on them; nothing where none tells any.
+    Return the learned bounds of odometry by robot, and sentences on them; both may be empty.
 
-    There are those of all robots, and those of each robot or of each that needs its own.
+    They are the bounds of all robots, and those of each robot or of each that needs its own.
     """
     notes: list[str] = []
     found: dict[str, OdometryWindows] = {}

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-From measurements to every placement that agrees with them, free of ROS.
+From measurements to every placement that agrees with them, without ROS.
 
-`Localizer` accepts ranges, bearings and odometry as plain numbers. A `Snapshot` is what they say
-at one time, an `Estimate` is the answer to it.
+`Localizer` accepts ranges, bearings and odometry as plain numbers. A `Snapshot` holds the
+measurements at one time, an `Estimate` is the answer to it.
 """
 
 from dg_localization.fleet.checks import ConfigError

@@ -52,23 +52,23 @@ class MeasurementIntake(MeasurementStore):
         Parameters
         ----------
         observer, target : str
-            Who measured the distance to whom.
+            The points at the ends of the distance; the observer measured it.
         range_m : float
             In m. As in REP-117, NaN is no reading, +inf is nothing within `max_range_m` and
             -inf is closer than `min_range_m`.
         stamp_s, now_s : float
-            When it was measured, and the time now, on the same clock.
+            Time of the measurement and present time, on the same clock.
         min_range_m, max_range_m : float, optional
             Limits of the sensor; both zero means not given.
         variance_m2 : float, optional
             Variance of the reading.
         bounds : SensorBounds, optional
-            Of its error; by default those of the settings.
+            Error bounds; by default those of the settings.
 
         Returns
         -------
         Rejection or None
-            Why it was not accepted.
+            The reason why it was not accepted; None if it was.
 
         """
         key = LinkKey(LinkKind.RANGE, str(observer), str(target))
@@ -91,18 +91,18 @@ class MeasurementIntake(MeasurementStore):
         Parameters
         ----------
         observer, target : str
-            Who saw whom.
+            The seeing point and the seen point.
         ray_xyz : array_like, shape (3,)
             Direction in the body frame of the observer, x forward and z up, of any length.
         stamp_s, now_s : float
-            When it was measured, and the time now, on the same clock.
+            Time of the measurement and present time, on the same clock.
         bounds : SensorBounds, optional
-            Of its error; by default those of the settings.
+            Error bounds; by default those of the settings.
 
         Returns
         -------
         Rejection or None
-            Why it was not accepted.
+            The reason why it was not accepted; None if it was.
 
         """
         key = LinkKey(LinkKind.BEARING, str(observer), str(target))
@@ -133,14 +133,14 @@ class MeasurementIntake(MeasurementStore):
         difference_m : float
             The distance to the second minus that to the first, in m.
         stamp_s, now_s : float
-            When it was measured, and the time now, on the same clock.
+            Time of the measurement and present time, on the same clock.
         bounds : SensorBounds, optional
-            Of its error; by default those of the settings.
+            Error bounds; by default those of the settings.
 
         Returns
         -------
         Rejection or None
-            Why it was not accepted.
+            The reason why it was not accepted; None if it was.
 
         """
         key = LinkKey(LinkKind.RANGE_DIFFERENCE, str(observer), str(second), str(first))
@@ -167,7 +167,7 @@ class MeasurementIntake(MeasurementStore):
         orientation_xyzw : array_like, shape (4,)
             Unit quaternion from body to odometry frame.
         stamp_s, now_s : float
-            When it was measured, and the time now, on the same clock.
+            Time of the measurement and present time, on the same clock.
         frame : str, optional
             The name of the odometry frame. Estimates are in the odometry frame of the reference
             robot only if it has one.
@@ -175,7 +175,7 @@ class MeasurementIntake(MeasurementStore):
         Returns
         -------
         Rejection or None
-            Why it was not accepted.
+            The reason why it was not accepted; None if it was.
 
         """
         robot = str(robot)
@@ -216,15 +216,15 @@ class MeasurementIntake(MeasurementStore):
         elevation_m : float
             In m, above the same plane as the stated elevations.
         stamp_s, now_s : float
-            When it was measured, and the time now, on the same clock.
+            Time of the measurement and present time, on the same clock.
         bounds : SensorBounds, optional
-            Of its error; by default those of the settings.
+            Error bounds; by default those of the settings.
 
         Returns
         -------
         Rejection or None
-            Why it was not accepted. A reading that contradicts the known bounds is not accepted,
-            and earlier readings stop counting too: it is not known which of them is wrong.
+            The reason why it was not accepted; None if it was. A reading that contradicts the
+            known bounds is not, and earlier ones stop counting: either may be wrong.
 
         """
         key = LinkKey(LinkKind.ELEVATION, str(point), '')
@@ -268,14 +268,14 @@ class MeasurementIntake(MeasurementStore):
             `add_bearing`. A target may occur twice, with a distance and with a ray. In place of
             a target there may be two points with a number, as for `add_range_difference`.
         stamp_s, now_s : float
-            When it was measured, and the time now, on the same clock.
+            Time of the measurement and present time, on the same clock.
         bounds : SensorBounds, optional
-            Of their errors; by default those of the settings.
+            Error bounds; by default those of the settings.
 
         Returns
         -------
         list of Rejection
-            Why some of the measurements, or all, were not accepted.
+            The reasons why measurements were not accepted.
 
         """
         observer, stated = str(observer), bounds or self._config.sensor_bounds

@@ -172,7 +172,7 @@ class Localizer(MeasurementIntake):
         """
         Return every placement that agrees with a snapshot.
 
-        A frame other than that of the estimate before is announced in `previous_frame`.
+        A change of the frame against the estimate before is announced in `previous_frame`.
 
         Parameters
         ----------

@@ -199,7 +199,7 @@ class MeasurementStore:
         rises = config.elevations_m and self._elevations.squared_rise_m2(*key.ends, stamp_s, now_s)
         body_ray = np.asarray(ray, dtype=float).reshape(-1)
         leaves = config.dimension == 2 and leaves_plane(body_ray, half_width_rad)
-        # A ray that points up may miss what is ahead by less than its horizontal part does.
+        # The error of a tilted ray may be smaller than the error of its projection.
         is_bent = half_width_rad > 0.5 * math.pi and body_ray[2] != 0.0 and config.dimension == 2
         may_rise = bool(rises and rises[1] > 0.0)
         self._input(key).out_of_plane = leaves and not may_rise

@@ -73,7 +73,7 @@ class OdometryTrack:
         """
         Add a reading, which must be newer than the last one.
 
-        A step or turn beyond the limits of the robot is a restart of the odometry, and so is a new
+        A step or turn beyond the limits of the robot is a restart of the odometry; so is a new
         frame name. Only the limits of the robot bound its motion across a restart. If there are
         no limits, the older readings are forgotten.
         """
@@ -147,7 +147,7 @@ class OdometryTrack:
         return step_m > farthest_m * ROUNDING or turn_rad > angle_up(farthest_rad * ROUNDING)
 
     def _longest(self, step_m: float, turn_rad: float, elapsed_s: float) -> tuple[float, float]:
-        """Return bounds of way and turn between two readings, wider if readings are missing."""
+        """Return bounds of path length and turn between two readings if some are missing."""
         longest_s = sum_up(elapsed_s, 2.0 * self._error.latency_s)
         by_speed_m = product_up(self._max_speed_m_s, longest_s)
         by_rate_rad = product_up(self._max_turn_rate_rad_s, longest_s)
@@ -182,7 +182,7 @@ class Motion:
     odometry: Mapping[str, tuple[OdometrySample, ...]]
 
     def by_speed_m(self, point: str, first_s: float, second_s: float) -> float:
-        """Return an upper bound of the way of `point` between two times, by its speed alone."""
+        """Return an upper bound of the displacement of `point` between two times, by its speed."""
         speed_m_s = self.config.speed_m_s(self.config.robot_of(point))
         return most_between(speed_m_s, first_s, second_s, self.config.between_stamps_s)
 
@@ -263,7 +263,7 @@ def most_between(rate: float, first_s: float, second_s: float, more_s: float) ->
 def greatest_errors(
     error: OdometryErrorModel, way_m: float, turned_rad: float
 ) -> tuple[float, float]:
-    """Return the greatest errors of odometry over a way and the turns on it, in m and in rad."""
+    """Return the greatest errors of odometry along a path with turns, in m and in rad."""
     return (
         sum_up(
             product_up(error.translation_per_m, way_m),
@@ -299,7 +299,7 @@ def _beyond_up_s(
 
 
 def way_between(first: OdometrySample, second: OdometrySample) -> tuple[float, float]:
-    """Return upper bounds of the way and of the turns between two readings of one track."""
+    """Return upper bounds of the path length and the turns between two readings of a track."""
     if first is second:
         return 0.0, 0.0
     start, end = (first, second) if first.stamp_s <= second.stamp_s else (second, first)

@@ -53,7 +53,7 @@ class LinkKey(NamedTuple):
 
     @property
     def points(self) -> tuple[str, ...]:
-        """The observer, the target, and the reference where there is one."""
+        """The observer, the target, and the reference if there is one."""
         return (*self.ends, self.reference) if self.reference else self.ends
 
     @property

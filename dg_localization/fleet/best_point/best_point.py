@@ -40,7 +40,7 @@ from dg_localization.solver.problem import Problem
 FloatArray = NDArray[np.float64]
 
 HALVINGS = 6
-"""How often the segment from the result to the start is halved."""
+"""Bisections of the segment from the start to the result."""
 
 DRAWN_STARTS = 2
 

@@ -96,8 +96,8 @@ def include_displacement(ray: RayReading, s_lower_m2: float) -> RayReading:
     """
     Return a ray that holds for the line between its ends at the time of the snapshot.
 
-    A vector of length d whose tip moves by D < d turns by at most asin(D / d), and the same
-    holds looking back from the new vector: the distance may be that of either time.
+    A vector of length d whose tip moves by D < d turns by at most asin(D / d). The same holds for
+    the new vector, so the distance of either time may be used.
     """
     turn_rad = _turn_by_displacement_rad(ray.displacement_m, s_lower_m2)
     half_width_rad = angle_up(sum_up(ray.half_width_rad, turn_rad))

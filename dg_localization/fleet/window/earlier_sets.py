@@ -4,7 +4,7 @@
 """
 Earlier pose sets: the poses of two bodies at an earlier time, carried to now by odometry.
 
-To carry each old reading to now adds the error of the odometry to every one of them. An earlier
+Carrying each old reading to now adds the error of the odometry to every one of them. An earlier
 set was made when these readings were new and is carried in one step, and only new readings cut
 it. A set lives for `FleetConfig.memory_s` while the next one is built beside it: older readings
 have no effect, unless no newer ones bound the pose. Gaps without readings do not age a set, so

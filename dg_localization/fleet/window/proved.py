@@ -38,7 +38,7 @@ the rest of the memory: nothing older than the memory has any effect.
 @dataclass(frozen=True)
 class Proved:
     """
-    The placements of an estimate, one of which is true while all bounds hold.
+    The placements of an estimate; one of them is true while all bounds hold.
 
     Parameters
     ----------

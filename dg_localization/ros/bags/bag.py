@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A rosbag2, open for reading: its topics and what is wrong with it.
+A rosbag2, open for reading: its topics and its damage.
 
 A bag is read twice: first to learn what it holds and whether it is whole, then for the messages.
 A file is read from its beginning to its end, by the package mcap or by SQLite. The index of an
@@ -198,9 +198,9 @@ class Bag:
     start_ns, end_ns : int
         Receive times of the first and the last message.
     reorder_ns : int
-        By how much a message may be earlier than one before it.
+        Greatest time by which a message may be earlier than one before it.
     notices, damage : list of str
-        Sentences on what was noticed, and on what is wrong with the bag.
+        Remarks on the bag, and its damage, one sentence each.
 
     Raises
     ------

@@ -63,9 +63,9 @@ class GroupFit(NamedTuple):
     ----------
     bounds : Bounds
     excluded : int
-        How many of its readings they do not hold.
+        The number of its readings outside the bounds.
     text : str
-        What was seen, and how well it supports the bounds.
+        A summary of the errors, and of how well they support the bounds.
 
     """
 
@@ -219,7 +219,7 @@ def _stated(gatherer: Gatherer, kind: LinkKind, pair: Pair) -> SensorBounds:
 def _known_group(
     kind: LinkKind, one: Errors, choice: Choice, shape: ErrorShape, dimension: int
 ) -> GroupFit:
-    """Return bounds for known errors, and how many readings those of the first half exclude."""
+    """Return bounds for known errors, checked by learning from the first half of the readings."""
 
     def learn(part: Errors, is_half: bool = False) -> SensorBounds:
         if kind is LinkKind.BEARING:

@@ -150,7 +150,7 @@ def _learned(fit: LearnedBounds, kind: LinkKind, link: Link, fleet: FleetConfig)
     stated = {name: value for name, value in link.overrides.items() if name in KINDS[kind].bounds}
     if group is None or (group is fit.of_all(kind) and not stated):
         return {}
-    # What a link does not state, the bounds of all in the file before stated.
+    # Bounds that a link did not state were the bounds of all in the file before.
     whole = {**_of_fleet(kind, fleet), **stated}
     if _is_as_stated(fit, kind, link):
         return whole

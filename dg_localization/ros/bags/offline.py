@@ -161,12 +161,12 @@ class Recording:
 
     @property
     def notices(self) -> list[str]:
-        """Sentences on inputs that cannot be read, and on what else was noticed."""
+        """Sentences on inputs that cannot be read, and other remarks."""
         return list(dict.fromkeys(self._notices))
 
     @property
     def damage(self) -> list[str]:
-        """What is wrong with the bag, each once: a topic may be read as input and as truth."""
+        """The damage of the bag, without repetitions: a topic may be both input and truth."""
         return list(dict.fromkeys((*self.reading.damage, *self._truth.damage)))
 
 

@@ -49,13 +49,13 @@ class Report:
     now_s : float
         The time of the diagnostics.
     estimate : Estimate or None
-        The newest one.
+        The newest estimate.
     links : tuple of Link
-        The inputs the node listens to.
+        The inputs that the node subscribes to.
     inputs : mapping of LinkKey to InputState
-        What has arrived.
+        The states of all inputs.
     malformed : mapping of str to Malformed
-        By topic, the messages that could not be read.
+        The messages that could not be read, by topic.
     wrong_types : mapping of Link to tuple of str
         By input, the other types that its topic has.
     trouble : str
@@ -63,13 +63,13 @@ class Report:
     failure : str
         The internal error of the last estimate; empty if there was none.
     warnings : tuple of str
-        What an operator must know beside the state of the estimate.
+        Warnings for the operator beside the state of the estimate.
     rejecting : mapping of LinkKey to str
-        Inputs that have rejected most of their readings lately, with a sentence on why.
+        Inputs that rejected most of their recent readings, each with the reason.
     rate_hz : float or None
-        How often the fleet has been localized lately; None while that is not known.
+        The recent rate of estimates; None while it is unknown.
     seconds : mapping of str to float
-        What the parts of the last answer took.
+        The times of the stages of the last answer.
 
     """
 
@@ -192,7 +192,7 @@ def _not_bounded(estimate: Estimate) -> Iterator[str]:
 
 
 def _not_settled(estimate: Estimate) -> Iterator[str]:
-    """Yield why the placements do not say where the fleet is."""
+    """Yield reasons why the placements do not localize the fleet."""
     if any(placement.dropped for placement in estimate.placements):
         yield 'contradicting inputs dropped'
     if estimate.n_hypotheses > 1:
@@ -314,7 +314,7 @@ def _robot_state(report: Report, row: int) -> tuple[Level, str]:
 
 
 def _quality(estimate: Estimate, row: int) -> dict[str, str]:
-    """Return how far a robot may be from its pose, typically and at most, and what it hears."""
+    """Return the typical and the greatest error of the pose of a robot, and its partners."""
     values = {}
     if estimate.n_hypotheses == 1:
         placement = estimate.placements[0]

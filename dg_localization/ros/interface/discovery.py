@@ -148,7 +148,7 @@ class TopicFinder:
     Attributes
     ----------
     wrong_types : dict of Link to tuple of str
-        Inputs whose topic had endpoints of other types when it was last looked at.
+        Inputs whose topic had endpoints of other types in the last search.
     passed_over : list of Link
         Links of topics that were new then, which explicit links replace.
 

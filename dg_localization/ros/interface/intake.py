@@ -87,11 +87,11 @@ class Intake:
     ----------
     localizer : Localizer
     use_header_stamp : bool
-        Whether a measurement's time is its header's, not that of its arrival.
+        Whether the time of a measurement is its header stamp, not its arrival.
     ids : mapping of str to str, optional
-        The names that ids in messages stand for.
+        The names of ids in messages.
     is_simulated : bool, optional
-        Whether the time comes from /clock, whose messages may arrive after those they date.
+        Whether the time comes from /clock, which may arrive after the messages of that time.
 
     Attributes
     ----------

@@ -64,7 +64,7 @@ CLOCK = '/clock'
 
 
 class TimedEstimate(NamedTuple):
-    """An estimate, its serialized messages, the motion of its snapshot, and how long it took."""
+    """An estimate, its serialized messages, the motion of its snapshot, and its times."""
 
     estimate: Estimate
     messages: tuple[tuple[str, bytes], ...]

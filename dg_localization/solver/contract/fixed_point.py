@@ -40,7 +40,7 @@ from dg_localization.solver.contract.widths import (
 from dg_localization.solver.problem import Problem
 
 EXPLAINED_FACTOR = 3.0
-"""How much wider a finished box may be than the first-order effect of the measurement errors."""
+"""Greatest ratio of the width of a finished box to the first-order effect of the errors."""
 
 SMOOTHED_SWEEPS = 2
 """The first sweeps begin with the triangle inequalities; later ones gain nothing from them."""
