@@ -272,7 +272,7 @@ def _reason(snapshot: Snapshot, found: Answer, main: Part, plans: Sequence[Plans
 
 
 def _open_texts(config: FleetConfig, found: Answer) -> list[str]:
-    """Return a text on what a limit left open, if any, and a text on each separate group."""
+    """Return a text on the effect of a limit, if any, and a text on each separate group."""
     is_open = found.verdict is Verdict.OUT_OF_BUDGET
     limit = 'the search stopped at its budget; what it left open is included' if is_open else ''
     groups = (', '.join(group.robots(config)) for group in found.groups)

@@ -46,8 +46,8 @@ class Constraints:
         Squared distances in m^2.
     measured : numpy.ndarray of bool, shape (n, n)
         Whether a distance would be known exactly if readings had no errors. Other distances may
-        have bounds too: those shared between the points of one robot, which are as wide as a lever
-        arm, and those of a window that does not fix them.
+        have bounds too, from other points of the same robot (as wide as their lever arm) or from a
+        window that does not fix them.
     chiralities : tuple of Chirality
     rays : mapping of str to tuple of RayReading
         Rays by observer, in its body frame at the time of the snapshot.

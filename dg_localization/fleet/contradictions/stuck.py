@@ -80,7 +80,7 @@ class StuckWatch:
         motion = before.motion
         if motion in ('', UNKNOWN_MOTION):
             motion = self._motion(key, before.poses, newest)
-        # A pose that came later, or after a restart of odometry, is the new reference.
+        # The reference pose of a robot is its first one, or the first after a restart.
         kept = {
             robot: pose
             for robot, pose in before.poses.items()

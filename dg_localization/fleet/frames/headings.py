@@ -219,7 +219,7 @@ def _spatial_heading(sights: _Sights) -> Heading | None:
 
 
 class BodyPoses:
-    """The pose sets of robots with sensors, without those that hold the fixed frame."""
+    """The pose sets of robots with sensors, except a robot whose body frame is the fixed frame."""
 
     def __init__(self, snapshot: Snapshot, solved: Constraints, held: Collection[int]) -> None:
         self._config, self._solved = snapshot.config, solved

@@ -193,7 +193,7 @@ def _fitted_deviation_rad(placement: Placement, row: int) -> float | None:
 
 
 def _moved(boxes_m: FloatArray, pose: BodyPose, turn: FrameTurn) -> FloatArray:
-    """Return boxes, shape (n, 2, q), in the odometry frame; unbounded if any side is."""
+    """Return boxes, shape (n, 2, q), in the odometry frame; boxes with an open side are open."""
     if len(boxes_m) == 0:
         return boxes_m
     bounded = np.asarray(np.isfinite(boxes_m).all(axis=(1, 2)))

@@ -69,7 +69,7 @@ def _parts_of_point(
 
 
 def _is_in_general_position(region: Interval, row: int, others: NDArray[np.intp]) -> bool:
-    """Return whether distances to q of the other points fix the place of a point."""
+    """Return whether distances to q of the other points fix the place of a point in a region."""
     dimension = region.lower.shape[1]
     some = others[:: len(others) // MAX_BOXES + 1].tolist()
     bases = list(combinations(some, dimension))
