@@ -13,15 +13,7 @@ from typing import Any
 import numpy as np
 from rclpy.node import Node
 
-from dg_localization.fleet import (
-    Anchor,
-    DifferenceErrorModel,
-    ElevationErrorModel,
-    FleetConfig,
-    Mount,
-    OdometryErrorModel,
-    RangeErrorModel,
-)
+from dg_localization.fleet import Anchor, FleetConfig, Mount, OdometryErrorModel
 from dg_localization.fleet.rotations import quaternion_of_euler
 from dg_localization.ros.interface.discovery import Template, templates_from
 from dg_localization.ros.interface.identities import ids_from
@@ -35,9 +27,14 @@ from dg_localization.ros.interface.parameters.spec import (
     refuse_unknown,
     refused,
 )
-from dg_localization.ros.interface.parameters.table import POINTS, TABLE, fields_of, named_specs
+from dg_localization.ros.interface.parameters.table import (
+    MODELS,
+    POINTS,
+    TABLE,
+    fields_of,
+    named_specs,
+)
 from dg_localization.ros.interface.poses import check_frame_id
-from dg_localization.solver.options import SolverOptions
 
 # The number of periods, and the least time in s, for which an answer counts as new.
 LIFETIME_PERIODS, LIFETIME_S = 3.0, 1.0
@@ -48,14 +45,6 @@ WIDTH = 98
 # The form of names, by the parameter that lists them.
 NAMES = {'robots': ANY_NAME, 'anchors.names': ANY_NAME, 'elevations.names': '.*'}
 NAMES |= {'mounts.names': f'{ANY_NAME}/{ANY_NAME}'}
-
-# The model and the prefix of its parameters, by field of the fleet.
-MODELS: Mapping[str, tuple[type, str]] = {
-    'range_error': (RangeErrorModel, 'range.'),
-    'elevation_error': (ElevationErrorModel, 'elevation.'),
-    'range_difference_error': (DifferenceErrorModel, 'range_difference.'),
-    'solver': (SolverOptions, 'solver.'),
-}
 
 
 @dataclass(frozen=True)
