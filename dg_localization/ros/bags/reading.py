@@ -15,14 +15,7 @@ from heapq import heappop, heappush
 from io import StringIO
 from typing import Any, NamedTuple
 
-from dg_localization.ros.bags.bag import (
-    END_OF_ROS_TIME_NS,
-    NS_PER_S,
-    Bag,
-    BagError,
-    Channel,
-    Topic,
-)
+from dg_localization.ros.bags.bag import NS_PER_S, Bag, BagError, Channel, Topic
 from dg_localization.ros.executables import make_progress
 
 DISTRIBUTIONS = ('JAZZY', 'IRON', 'HUMBLE', 'GALACTIC', 'FOXY', 'ELOQUENT', 'DASHING')
@@ -67,7 +60,7 @@ class Reading:
         duration_s: float | None = None,
     ) -> None:
         self.bag = bag
-        self.start_ns, self.stop_ns = bag.start_ns + round(start_s * NS_PER_S), END_OF_ROS_TIME_NS
+        self.start_ns, self.stop_ns = bag.start_ns + round(start_s * NS_PER_S), bag.end_ns + 1
         if duration_s is not None:
             self.stop_ns = self.start_ns + round(duration_s * NS_PER_S)
         self.topics: list[Topic] = []

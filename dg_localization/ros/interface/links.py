@@ -17,7 +17,7 @@ from rclpy.validate_topic_name import validate_topic_name
 from dg_localization.fleet import FleetConfig, LinkKey, LinkKind, SensorBounds
 from dg_localization.fleet.rotations import quaternion_of_euler, rotation_of_quaternion
 from dg_localization.ros.interface.parameters.spec import close_name, refused
-from dg_localization.ros.interface.parameters.table import MODELS, fields_of
+from dg_localization.ros.interface.parameters.table import fields_of
 from msg_adapters import (
     CameraReading,
     IdentifiedReading,
@@ -39,17 +39,17 @@ ANY_NAME = '[A-Za-z][A-Za-z0-9_]*'
 # The orientation of the sensor of peers in the body frame of its robot.
 TURNS = ('roll', 'pitch', 'yaw')
 # What a link string may override, by what the link measures.
-RANGE_FIELDS = fields_of(*MODELS['range_error'])
+RANGE_FIELDS = fields_of(SensorBounds.range_error, 'range.')
 del RANGE_FIELDS['beyond_max_is_far']
 RANGE_BOUNDS = tuple(name for name in RANGE_FIELDS if not name.startswith('expected_error'))
 BEARING_FIELDS = {
     name.removeprefix('bearing.'): field for name, field in fields_of(SensorBounds).items()
 }
-ELEVATION_FIELDS = fields_of(*MODELS['elevation_error'])
+ELEVATION_FIELDS = fields_of(SensorBounds.elevation_error, 'elevation.')
 # Peers may be ranges, too, which have bounds of these names.
 DIFFERENCE_FIELDS = {
     f'difference_{name}': field
-    for name, field in fields_of(*MODELS['range_difference_error']).items()
+    for name, field in fields_of(SensorBounds.range_difference_error, 'range_difference.').items()
 }
 ERROR_MODELS = {
     'range_error': ((LinkKind.RANGE, LinkKind.PEERS), RANGE_FIELDS),

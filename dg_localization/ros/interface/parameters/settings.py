@@ -4,7 +4,7 @@
 """The settings of the node from its parameters: checked one by one, then together."""
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 import re
 from textwrap import wrap
@@ -27,13 +27,7 @@ from dg_localization.ros.interface.parameters.spec import (
     refuse_unknown,
     refused,
 )
-from dg_localization.ros.interface.parameters.table import (
-    MODELS,
-    POINTS,
-    TABLE,
-    fields_of,
-    named_specs,
-)
+from dg_localization.ros.interface.parameters.table import POINTS, TABLE, fields_of, named_specs
 from dg_localization.ros.interface.poses import check_frame_id
 
 # The number of periods, and the least time in s, for which an answer counts as new.
@@ -45,6 +39,9 @@ WIDTH = 98
 # The form of names, by the parameter that lists them.
 NAMES = {'robots': ANY_NAME, 'anchors.names': ANY_NAME, 'elevations.names': '.*'}
 NAMES |= {'mounts.names': f'{ANY_NAME}/{ANY_NAME}'}
+
+# Fields of the fleet that the parameters with their names as a prefix state together.
+MODELS = ('range_error', 'elevation_error', 'range_difference_error', 'odometry_error', 'solver')
 
 
 @dataclass(frozen=True)
@@ -211,16 +208,17 @@ def _own(values: Mapping[str, Any], name: str, of_all: str) -> float:
 
 
 def _fleet_config(values: Mapping[str, Any]) -> FleetConfig:
-    odometry_error = OdometryErrorModel(**_stated(OdometryErrorModel, values, 'odometry.'))
+    default = FleetConfig(tuple(values['robots']))
+    models = {
+        field: replace(model, **_stated(model, values, f'{field.removesuffix("_error")}.'))
+        for field, model in vars(default).items()
+        if field in MODELS
+    }
     stated = {
         **_stated(FleetConfig, values),
-        'robots': tuple(values['robots']),
+        **models,
         'mounts': _mounts(values),
         'elevations_m': _elevations_m(values),
-        **{
-            field: model(**_stated(model, values, prefix))
-            for field, (model, prefix) in MODELS.items()
-        },
         'anchors': {
             name: Anchor(
                 tuple(values[f'anchors.{name}.position']),
@@ -233,12 +231,13 @@ def _fleet_config(values: Mapping[str, Any]) -> FleetConfig:
             for name in values['robots']
             if values[f'robot_max_speed.{name}'] >= 0.0
         },
-        'odometry_error': odometry_error,
         'robot_odometry_error': {
-            robot: error for robot, error in _odometry_errors(values) if error != odometry_error
+            robot: error
+            for robot, error in _odometry_errors(values)
+            if error != models['odometry_error']
         },
     }
-    return FleetConfig(**stated)
+    return replace(default, **stated)
 
 
 def _mounts(values: Mapping[str, Any]) -> dict[str, dict[str, Mount]]:

@@ -15,18 +15,11 @@ import math
 import re
 from typing import Any
 
-from dg_localization.fleet import (
-    DifferenceErrorModel,
-    ElevationErrorModel,
-    OdometryErrorModel,
-    RangeErrorModel,
-    SuspectKind,
-)
+from dg_localization.fleet import OdometryErrorModel, SuspectKind
 from dg_localization.fleet.checks import FARTHEST_M
 from dg_localization.fleet.config import LEAST_MEMORY_S
 from dg_localization.fleet.odometry_error import MOST_SCALE
 from dg_localization.ros.interface.parameters.spec import Spec
-from dg_localization.solver.options import SolverOptions
 
 LENGTH, TIME = partial(Spec, unit='m', at_least=0.0), partial(Spec, unit='s', at_least=0.0)
 COUNT = partial(Spec, at_least=0)
@@ -191,14 +184,6 @@ OTHER_FIELDS = {
     'conflicts.max_seconds': 'max_conflict_seconds',
     'odometry.constant_translation': 'constant_m',
     'odometry.constant_rotation': 'constant_rad',
-}
-
-# By field of the fleet, what parameters with a prefix state together.
-MODELS: Mapping[str, tuple[type, str]] = {
-    'range_error': (RangeErrorModel, 'range.'),
-    'elevation_error': (ElevationErrorModel, 'elevation.'),
-    'range_difference_error': (DifferenceErrorModel, 'range_difference.'),
-    'solver': (SolverOptions, 'solver.'),
 }
 
 
