@@ -25,14 +25,7 @@ from typing import Any
 
 from dg_localization.fleet import solver_warnings, warm_up
 from dg_localization.ros.bags.bag import NS_PER_S, Bag, in_seconds, open_bag
-from dg_localization.ros.bags.offline import (
-    BagLocalizer,
-    BagWriter,
-    Recording,
-    Task,
-    read_task,
-    timeline,
-)
+from dg_localization.ros.bags.offline import BagLocalizer, BagWriter, Recording, Task, read_task
 from dg_localization.ros.bags.picture import PICTURES, AnswerPicture, as_page, check_can_draw
 from dg_localization.ros.bags.report import (
     Sheet,
@@ -96,8 +89,7 @@ class BagRun:
         settings, recording = self.task.settings, self.recording
         with BagWriter(self.options.output) as writer:
             localizer = BagLocalizer(self.task, recording, writer)
-            events = timeline(recording, gaps_ns)
-            for time_ns, message in events:
+            for time_ns, message in recording.timeline(gaps_ns):
                 if stop.is_set():
                     break
                 if message is not None:

@@ -159,6 +159,34 @@ class Recording:
             raise BagError(f"{read}; there must be {1.0 / self.rate_hz:g} s, one period of 'rate'")
         return start_ns, end_ns
 
+    def timeline(self, gaps_ns: list[tuple[int, int]]) -> Iterator[tuple[int, BagMessage | None]]:
+        """
+        Yield messages, and times of answers with None, in order; messages first at the same time.
+
+        The first answer is one period after the start, the last not after the end. Times without a
+        message for long are left out, and added to the gaps.
+        """
+        (start_ns, end_ns), rate_hz = self.span_ns(), self.rate_hz
+        number, last_ns = 1, start_ns
+
+        def answers(until_ns: int) -> Iterator[tuple[int, None]]:
+            """Yield the times of answers before the next message."""
+            nonlocal number
+            is_gap = until_ns - last_ns > SILENCE_NS
+            stop_ns = last_ns + AFTER_LAST_NS if is_gap else until_ns
+            while (time_ns := start_ns + round(number * NS_PER_S / rate_hz)) < stop_ns:
+                number += 1
+                yield time_ns, None
+            if is_gap:
+                gaps_ns.append((last_ns, min(until_ns, end_ns)))
+                number = max(number, math.ceil((until_ns - start_ns) / NS_PER_S * rate_hz))
+
+        for message in self.reading.shown():
+            yield from answers(message.time_ns)
+            yield message.time_ns, message
+            last_ns = max(last_ns, message.time_ns)
+        yield from answers(end_ns + 1)
+
     @property
     def notices(self) -> list[str]:
         """Sentences on inputs that cannot be read, and other remarks."""
@@ -288,34 +316,3 @@ class BagLocalizer:
         for name, message in self._stream.messages(diagnostics, self._second != before):
             self._writer.write(self._task.topics[name], time_ns, message)
         return estimate, snapshot, diagnostics.statuses
-
-
-def timeline(
-    recording: Recording, gaps_ns: list[tuple[int, int]]
-) -> Iterator[tuple[int, BagMessage | None]]:
-    """
-    Yield messages, and times of answers with None, in order; messages come first at equal times.
-
-    The first answer is one period after the start, the last not after the end. Long times without
-    messages are left out and added to `gaps_ns`.
-    """
-    (start_ns, end_ns), rate_hz = recording.span_ns(), recording.rate_hz
-    number, last_ns = 1, start_ns
-
-    def answers(until_ns: int) -> Iterator[tuple[int, None]]:
-        """Yield the times of answers before the next message."""
-        nonlocal number
-        is_gap = until_ns - last_ns > SILENCE_NS
-        stop_ns = last_ns + AFTER_LAST_NS if is_gap else until_ns
-        while (time_ns := start_ns + round(number * NS_PER_S / rate_hz)) < stop_ns:
-            number += 1
-            yield time_ns, None
-        if is_gap:
-            gaps_ns.append((last_ns, min(until_ns, end_ns)))
-            number = max(number, math.ceil((until_ns - start_ns) / NS_PER_S * rate_hz))
-
-    for message in recording.reading.shown():
-        yield from answers(message.time_ns)
-        yield message.time_ns, message
-        last_ns = max(last_ns, message.time_ns)
-    yield from answers(end_ns + 1)

@@ -37,16 +37,10 @@ from dg_localization.ros.interface.parameters.spec import (
 from dg_localization.ros.interface.poses import BODY_FRAME
 from dg_localization.ros.spinning import STEADY, spin
 from dg_localization.simulation import moving_fleet as simulation
-from msg_adapters.peers import PeersReading, peers_to_message
-from msg_adapters.poses import PoseList, pose_array_to_message
-from msg_adapters.readings import (
-    BearingReading,
-    OdometryReading,
-    RangeReading,
-    bearing_to_message,
-    odometry_to_message,
-    range_to_message,
-)
+from msg_adapters import BearingReading, OdometryReading, PeersReading, PoseList, RangeReading
+from msg_adapters.peers import peers_to_message
+from msg_adapters.poses import pose_array_to_message
+from msg_adapters.readings import bearing_to_message, odometry_to_message, range_to_message
 
 TRUTH = '~/ground_truth'
 MIN_RANGE_M = 0.1
