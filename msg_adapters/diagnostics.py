@@ -77,8 +77,7 @@ def diagnostics_from_message(message: Any) -> Diagnostics:
 
 def diagnostics_to_cdr(diagnostics: Diagnostics) -> bytes:
     """Write a serialized `diagnostic_msgs/DiagnosticArray`."""
-    writer = CdrWriter()
-    writer.write('hI', (diagnostics.stamp_s, ''), len(diagnostics.statuses))
+    writer = CdrWriter('hI', (diagnostics.stamp_s, ''), len(diagnostics.statuses))
     for status in diagnostics.statuses:
         texts = status.name, status.message, status.hardware_id
         writer.write('BsssI', status.level, *texts, len(status.values))

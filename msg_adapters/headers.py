@@ -31,8 +31,9 @@ class CdrWriter:
     `std_msgs/Header` of a stamp in s and a frame.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, kinds: str, *values: Any) -> None:
         self._data = bytearray(ENCAPSULATION)
+        self.write(kinds, *values)
 
     def to_bytes(self) -> bytes:
         """Return the bytes written so far."""
@@ -64,9 +65,7 @@ class CdrWriter:
 
 def to_cdr(kinds: str, *values: Any) -> bytes:
     """Return the bytes of a message whose fields are of these kinds."""
-    writer = CdrWriter()
-    writer.write(kinds, *values)
-    return writer.to_bytes()
+    return CdrWriter(kinds, *values).to_bytes()
 
 
 def message_class(type_name: str) -> Any:

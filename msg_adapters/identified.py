@@ -55,10 +55,6 @@ FORMS = {
 }
 
 
-def _no_rays() -> NDArray[np.float64]:
-    return np.empty((0, 3))
-
-
 @dataclass(frozen=True, eq=False)
 class IdentifiedReading:
     """
@@ -86,7 +82,7 @@ class IdentifiedReading:
     observer_id: str
     target_ids: tuple[str, ...]
     ranges_m: NDArray[np.float64]
-    rays_xyz: NDArray[np.float64] = field(default_factory=_no_rays)
+    rays_xyz: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 3)))
     frame_id: str = ''
 
     def __post_init__(self) -> None:

@@ -94,8 +94,7 @@ def marker_scene_to_cdr(scene: MarkerScene) -> bytes:
         If a marker has not as many colors as points.
 
     """
-    writer = CdrWriter()
-    writer.write('I', 1 + len(scene.markers))
+    writer = CdrWriter('I', 1 + len(scene.markers))
     nothing = Marker('', 0, Shape.NONE, np.zeros((0, 3)), np.zeros((0, 4)), 0.0)
     _write_marker(writer, nothing, scene, DELETE_ALL, 0.0)
     for marker in scene.markers:

@@ -163,9 +163,8 @@ def peers_to_cdr(reading: PeersReading) -> bytes:
         columns |= {'reference': reading.references, 'range_difference': reading.differences_m}
     types = {name: UINT32 if COLUMNS[name] is INTEGERS else FLOAT64 for name in columns}
     table = np.empty(len(reading.peers), [(name, kind) for name, (_, kind) in types.items()])
-    writer = CdrWriter()
     header = reading.stamp_s, reading.frame_id
-    writer.write('hIII', header, 1, len(table), len(columns))
+    writer = CdrWriter('hIII', header, 1, len(table), len(columns))
     offset, is_dense = 0, True
     for name, (datatype, kind) in types.items():
         table[name] = columns[name]

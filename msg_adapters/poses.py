@@ -153,8 +153,7 @@ class Transform:
 
 def transforms_to_cdr(transforms: Sequence[Transform]) -> bytes:
     """Write a serialized `tf2_msgs/TFMessage`."""
-    writer = CdrWriter()
-    writer.write('I', len(transforms))
+    writer = CdrWriter('I', len(transforms))
     for transform in transforms:
         header, place = (transform.stamp_s, transform.frame_id), transform.translation_m
         writer.write('hsdd', header, transform.child_frame_id, place, transform.rotation_xyzw)
