@@ -161,10 +161,10 @@ class Recording:
 
     def timeline(self, gaps_ns: list[tuple[int, int]]) -> Iterator[tuple[int, BagMessage | None]]:
         """
-        Yield messages, and times of answers with None, in order; messages first at the same time.
+        Yield messages, and times of answers with None, in order; at equal times messages first.
 
-        The first answer is one period after the start, the last not after the end. Times without a
-        message for long are left out, and added to the gaps.
+        The first answer is one period after the start, the last not after the end. Long times
+        without messages are left out and added to `gaps_ns`.
         """
         (start_ns, end_ns), rate_hz = self.span_ns(), self.rate_hz
         number, last_ns = 1, start_ns

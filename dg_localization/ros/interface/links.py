@@ -38,7 +38,7 @@ ANY_NAME = '[A-Za-z][A-Za-z0-9_]*'
 
 # The orientation of the sensor of peers in the body frame of its robot.
 TURNS = ('roll', 'pitch', 'yaw')
-# What a link string may override, by what the link measures.
+# The fields that a link string may override, by kind of measurement.
 RANGE_FIELDS = fields_of(SensorBounds.range_error, 'range.')
 del RANGE_FIELDS['beyond_max_is_far']
 RANGE_BOUNDS = tuple(name for name in RANGE_FIELDS if not name.startswith('expected_error'))
@@ -46,7 +46,7 @@ BEARING_FIELDS = {
     name.removeprefix('bearing.'): field for name, field in fields_of(SensorBounds).items()
 }
 ELEVATION_FIELDS = fields_of(SensorBounds.elevation_error, 'elevation.')
-# Peers may be ranges, too, which have bounds of these names.
+# Peers may also be ranges, whose bounds have the same names: hence the prefix.
 DIFFERENCE_FIELDS = {
     f'difference_{name}': field
     for name, field in fields_of(SensorBounds.range_difference_error, 'range_difference.').items()
