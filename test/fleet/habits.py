@@ -14,7 +14,7 @@ from dg_localization.fleet import Anchor, DifferenceErrorModel, ElevationErrorMo
 
 CLIMBING_M_S = 0.3
 LISTENING = 0.4
-"""In so many histories sensors hear range differences."""
+"""The share of histories in which sensors hear range differences."""
 FORMATIONS = ('none', 'none', 'in line', 'abreast', 'together')
 SPACING_M = 1.5
 ANCHORED_M = (-4.0, 3.0, 8.0, 12.0, 20.0)

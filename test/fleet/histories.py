@@ -6,8 +6,8 @@ Fleets that drive in the plane or fly in space, what they measure, and what is t
 
     python test/fleet/histories.py STEPS [--first SEED] [--space]
 
-plays histories of successive seeds until so many estimates were made, and ends at the first truth
-that is lost.
+plays histories of successive seeds until that number of estimates is made, and ends at the first
+truth that is lost.
 """
 
 import argparse
@@ -30,9 +30,9 @@ from dg_localization.fleet.rotations import quaternion_of, rotation_of_quaternio
 MAX_AGE_S = 0.5
 SECONDS = 8.0
 SYNCHRONOUS = 0.2
-"""In so many histories the sensors of robots measure when their odometry does."""
+"""The share of histories in which sensors measure at the samples of odometry."""
 EVERY_LONG, LONG_S = 20, 36.0
-"""So many histories in the plane have a long one."""
+"""How many histories in the plane there are for a long one, and how long that is."""
 RATES_HZ = (1, 5)
 """How often histories of a long run are answered: seldom, or as often as by the node."""
 LIMITS_S = (math.inf, 0.02, 0.002)

@@ -43,7 +43,7 @@ def angle_of(rotation):
 
 
 def missing(placement, places, rotations=None):
-    """Return what of a truth a placement does not hold; nothing where it holds all."""
+    """Return the part of a truth that a placement does not hold; nothing where it holds all."""
     places = np.atleast_2d(places)
     low, high = placement.enclosure_m[:, 0], placement.enclosure_m[:, 1]
     if not np.all((low - TOLERANCE <= places) & (places <= high + TOLERANCE)):

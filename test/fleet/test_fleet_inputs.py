@@ -272,7 +272,7 @@ def test_arrays_of_the_caller_may_be_used_again(localizer):
     assert snapshot.rays[0].direction.tolist() == [1.0, 0.0, 0.0]
 
 
-def test_nobody_changes_what_an_estimate_has_proved(localizer):
+def test_what_an_estimate_has_proved_is_read_only(localizer):
     localizer.add_range('a', 'b', 3.0, NOW_S, NOW_S)
     (placement, *_) = localizer.step(NOW_S).placements
     for name in ('positions_m', 'enclosure_m', 'orientations_xyzw', 'lower_m', 'upper_m'):

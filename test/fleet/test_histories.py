@@ -37,7 +37,7 @@ def test_the_truth_is_never_lost(dimension, seed):
 @pytest.mark.parametrize(('robots', 'anchors', 'mounted'), [(3, 0, 0), (3, 3, 0), (2, 3, 2)])
 def test_after_a_broken_bound_the_window_recovers(seed, robots, anchors, mounted):
     memory_s, kicked_s = 4.0, 5.0
-    # Which readings are wrong is of no account here.
+    # The search for the wrong readings is not tried here.
     settings = {'memory_s': memory_s, 'max_conflict_seconds': 0.2}
     history = History.draw([seed, anchors], robots, anchors, 14.0, mounted, **settings)
     history.drives[0].kick(round(kicked_s / 0.1), [1.5, -2.0, 0.0])

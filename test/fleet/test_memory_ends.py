@@ -49,7 +49,7 @@ def enclosures_among_anchors(first_error_m, outliers):
 
 @pytest.mark.parametrize('outliers', [0, 1])
 def test_what_is_older_than_the_memory_has_no_effect_among_anchors(outliers):
-    """Other readings in the first half second, whose bounds hold as well, are of no account."""
+    """Other right readings in the first half second do not change it."""
     some, others = (enclosures_among_anchors(error_m, outliers) for error_m in (0.0, 1.0))
     if not outliers:
         assert any((some[t] != others[t]).any() for t in some if t < MEMORY_S)

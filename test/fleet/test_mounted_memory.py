@@ -127,7 +127,7 @@ def test_the_best_point_goes_by_what_a_sensor_measured_before(camera):
     assert np.median(off_m[10.0]) < 0.1 < 0.2 < np.median(off_m[0.0])
 
 
-def test_ranges_of_two_sensors_that_differ_make_nobody_suspect():
+def test_ranges_of_two_sensors_may_differ_without_a_suspect():
     """Of two robots that drive side by side, one with a sensor ahead and one behind."""
     localizer = new_localizer(
         ('r', 's'),

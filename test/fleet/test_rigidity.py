@@ -118,7 +118,7 @@ def test_what_nothing_joins_needs_more_ranges():
 
 @pytest.mark.parametrize('sensors', [{'tag': (0.4, 0.0)}, {'tag': (0.4, 0.0), 'idle': (0.0, 0.3)}])
 def test_what_swings_about_a_sensor_is_flexible(sensors):
-    """The center of r0 is known to the others as far as its arm lets it: that holds nobody."""
+    """Where r0 is on its arm is not known: that does not hold the other robots."""
     places = {'r0': (0.0, 0.0), 'r1': (5.0, 1.0), 'r2': (1.0, 5.0), 'r0/tag': (0.4, 0.0)}
     pairs = [('r0/tag', 'r1'), ('r0/tag', 'r2')]
     settings = {'robots': ('r0', 'r1', 'r2'), 'mounts': {'r0': sensors}}

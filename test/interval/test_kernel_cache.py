@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Compiled kernels are kept, dated by their sources, and only where nobody else can write."""
+"""Compiled kernels are kept, dated by their sources, and only where no other user can write."""
 
 from itertools import product
 import json

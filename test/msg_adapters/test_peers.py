@@ -98,7 +98,7 @@ def test_organized_cloud_with_padded_rows_is_read_row_by_row():
     assert_rows(peers_from_message(message), rays=False)
 
 
-def test_nobody_in_sight_is_no_fault():
+def test_a_cloud_without_peers_is_no_fault():
     message = cloud({'peer': 'u4', 'range': 'f4'})
     message.width, message.row_step, message.data = 0, 0, b''
     reading = peers_from_message(message)

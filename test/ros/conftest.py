@@ -279,7 +279,7 @@ class Bench:
         self.sending = [partial(self.send_triangle, **stamp)]
 
     def until_placements(self, number, robots=3):
-        """Wait for so many placements of so many robots."""
+        """Wait for an answer with a number of placements of some robots."""
         self.until(
             lambda: self.heard.fleet and len(self.heard.fleet[-1].poses) == number * robots,
             f'{number} placements',
@@ -344,7 +344,7 @@ class Bench:
         return self.until(reached, f"'{part}' with a count of {name}")
 
     def repeat(self, *sends):
-        """Keep calling these: sensor data is best effort, and the first may find nobody yet."""
+        """Keep calling these: sensor data is best effort, and the first messages may be lost."""
         self.sending = list(sends)
 
     def call(self, name, service, request=None):

@@ -41,7 +41,7 @@ class Damage:
     change : callable
         Changes the bag in the folder that it is given.
     noticeable : bool
-        False where nobody can notice it: bytes of a message that no checksum protects.
+        False where it cannot be noticed: bytes of a message that no checksum protects.
 
     """
 

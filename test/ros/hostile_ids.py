@@ -33,7 +33,7 @@ ANYTHING = (
 
 class IdFleet:
     """
-    Messages that name who measured whom by ids, about the fleet of another source.
+    Messages that name observers and targets by ids, about the fleet of another source.
 
     Parameters
     ----------

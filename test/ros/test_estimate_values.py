@@ -294,7 +294,7 @@ def camera(explicit):
         (INPUT, ONE, {**MALFORMED, **given(in_use=False, age_s=0.5)}, WARN, 'stale'),
         (INPUT, ONE, {'rejecting': {AB: 'rejects 9 of 10'}}, WARN, 'rejects 9 of 10'),
         (INPUT, CONFLICT, {}, ERROR, 'contradict'),
-        # A camera that sees nobody is no warning, unless it is named.
+        # A camera that sees no robot is no warning, unless a link names it.
         ('input bearing a->b', ONE, camera(explicit=False), OK, ''),
         ('input bearing a->b', ONE, camera(explicit=True), WARN, 'stale'),
     ],

@@ -257,7 +257,7 @@ def test_nothing_is_learned_of_what_the_localizer_rejects(
 
 
 @pytest.mark.parametrize('per', ['link', 'all'])
-def test_odometry_is_learned_between_its_restarts_and_of_whom_there_is_a_truth(
+def test_odometry_is_learned_between_its_restarts_where_the_truth_is_known(
     tmp_path, learn, told, per
 ):
     """That of r1, which counts 0.8 m for 1 m, starts anew elsewhere once; r2 has no truth."""

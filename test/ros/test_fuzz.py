@@ -268,7 +268,7 @@ def as_objects(third_party_messages, monkeypatch):
 
 
 def make_takers(fleet, ids, number):
-    """Return so many takers that know the cameras of a fleet."""
+    """Return some takers that know the cameras of a fleet."""
     takers = [Taker(fleet, ids.ids) for _ in range(number)]
     for taker in takers:
         for link in ids.cameras:
@@ -308,7 +308,7 @@ def test_anything_with_ids_is_counted_and_answered(as_objects, seeds):
             link = fleet.random.choice(ids.links)
             before = taker.counted
             as_objects(taker, link, ids.any_message(link))
-            # It may have measured nobody, or nobody who counts.
+            # It may have measured no robot, or none that counts.
             assert taker.counted >= before, seed
         assert taker.counted > INPUTS_PER_FLEET // 2, seed
         taker.check()

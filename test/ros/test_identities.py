@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Messages that name who measured whom by ids, and pixels of cameras: from link to localizer."""
+"""Messages that name observers and targets by ids, and pixels: from link to localizer."""
 
 from dataclasses import replace
 from functools import partial
@@ -96,7 +96,7 @@ AB = {'range a->b': (1, 0)}
         ('*', 'c a:3.0', {'range c->a': (1, 0)}, ''),
         # Strangers are counted by their id, and others passed over.
         ('*', '7 30:1.0 8:3.0 55:4.0', {**AB, 'range a->id 55': (0, 1)}, ''),
-        # Nobody is taken for another observer.
+        # An observer that is not named is not taken for another one.
         ('*', '5 8:3.0', {}, "'5' is nobody's in the parameter `ids`: name it there"),
         ('*', '30 8:3.0', {}, "observer id '30' is nobody's in the parameter `ids`"),
         ('a', '8 9:3.0', {}, "observer id '8' is that of b, not of a"),

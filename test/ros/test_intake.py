@@ -81,7 +81,7 @@ def take(localizer, link, message, use_header_stamp=False):
 
 
 def cloud(n_rows=1, range_m=math.nan, ray=(math.nan,) * 3):
-    """Return a message of so many readings of b."""
+    """Return a message of `n_rows` readings of b."""
     ranges_m, rays = np.full(n_rows, range_m), np.full((n_rows, 3), ray)
     reading = PeersReading(NOW_S, np.ones(n_rows, int), ranges_m, rays)
     return adapter_for(CLOUD).to_message(reading)

@@ -259,7 +259,7 @@ def test_the_table_of_ranges_in_the_docs_is_localized(tmp_path, monkeypatch):
 
 def test_answers_are_compared_with_a_table_of_the_truth(localize, triangle_bag, tmp_path, capsys):
     def places(stamp_s):
-        # Robot c is elsewhere for a while, and nobody knows where the origin is at the end.
+        # Robot c is elsewhere for a while, and at the end the place of the origin is unknown.
         a = {'a': (7.0, 5.0)} if stamp_s < 1.45 else {}
         return {**a, 'b': (10.0, 5.0), 'c': (7.0, 9.5 if 0.95 < stamp_s < 1.45 else 9.0)}
 

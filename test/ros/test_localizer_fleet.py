@@ -53,7 +53,7 @@ def hypotheses(bench):
 
 
 def until_nothing_is_left(bench):
-    """Wait until every latched topic is empty: no old answer is there for anybody."""
+    """Wait until every latched topic is empty: no subscriber gets an old answer."""
 
     def is_empty():
         arrays = [bench.heard.fleet, *bench.heard.robots.values()]

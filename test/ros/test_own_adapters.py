@@ -46,7 +46,7 @@ def test_example_of_the_readme_localizes(bench, start_localizer, tmp_path, monke
     assert sorted(positions_m[:, 2, 1]) == pytest.approx([-4.0, 4.0], abs=0.6)
 
 
-def test_example_with_ids_reads_who_measured_whom(monkeypatch):
+def test_example_with_ids_names_observer_and_target(monkeypatch):
     monkeypatch.setattr(registry, '_adapters', dict(registry._adapters))
     exec(compile(example('python', 'IdentifiedReading'), PAGE.name, 'exec'), {})
     header = SimpleNamespace(stamp=SimpleNamespace(sec=5, nanosec=500_000_000))

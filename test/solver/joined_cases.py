@@ -32,7 +32,7 @@ FIRST_SEED = int(os.environ.get('DG_PROPERTY_SEED', '0'))
 
 
 def chunks(n_problems, size):
-    """Return ranges of so many successive seeds."""
+    """Return ranges of `size` successive seeds."""
     end = FIRST_SEED + n_problems
     return [range(seed, min(seed + size, end)) for seed in range(FIRST_SEED, end, size)]
 

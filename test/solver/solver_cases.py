@@ -99,7 +99,7 @@ class Case:
 
 RESOLUTIONS = [1e-6, 1e-3, 1e-2, 0.1]
 LARGE_EVERY = 200
-"""One in so many problems has more points than a first sweep projects."""
+"""How many problems there are for one with more points than a first sweep projects."""
 
 
 def random_case(seed, max_points=9):

@@ -110,7 +110,7 @@ def test_chains_bound_far_pairs_from_above_and_near_ones_from_below():
 
 
 class CancelAfter:
-    """Is set when it was asked so many times."""
+    """Is set after it was asked `most` times."""
 
     def __init__(self, most):
         self.left = most

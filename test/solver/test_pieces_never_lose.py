@@ -25,7 +25,7 @@ from dg_localization import Problem, SolverOptions, Verdict, solve
 from dg_localization.solver.assemble import growing
 
 LARGE_EVERY, WITHIN_EVERY = 50, 5
-"""One in so many problems is large, or is to be solved within some boxes."""
+"""How many problems there are for one that is large, and for one within some boxes."""
 
 ROUNDING = 1e-9
 """The squared distances of proved positions are computed to this fraction of the largest."""
