@@ -56,7 +56,7 @@ def shared():
 
 @pytest.fixture(scope='session')
 def setup_arguments():
-    """Run setup.py without setting up anything, and return what it asks for."""
+    """Run setup.py without setting up anything, and return the arguments of `setup`."""
     import setuptools
 
     asked = {}

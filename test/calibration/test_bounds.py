@@ -75,7 +75,7 @@ def test_a_scatter_as_wide_as_the_bounds_needs_none_wider():
 
 
 def test_each_reading_is_held_by_bounds_as_wide_as_its_own():
-    """The wide bounds of far readings do not hold what near ones err by."""
+    """The wide bounds of far readings do not count for near ones."""
     scatter, halves = np.array([-0.2, 0.2] * 20), np.array([0.03, 0.03] + [0.6] * 38)
     assert missing_m(scatter, halves, EXACT) == (pytest.approx(0.17), 0)
     # Errors that grow with the range need no more than bounds that do.

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Bounds learned from odometry beside the truth hold it, and are near those it was made with."""
+"""Bounds that are learned from odometry and a truth hold, and are near the true bounds."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def exact(fit):
 
 @pytest.mark.parametrize('scale', [-1.0, 1000.0, 0.001])
 def test_a_scale_that_may_not_be_stated_is_not_learned(scale):
-    """Another unit, or an axis the other way round: the errors are as large as the way then."""
+    """With another unit, or a reversed axis, the errors are as large as the way."""
     stamps, places, yaws = planar_drive()
     truth = TrueTrack(stamps, places, quaternions(yaws))
     windows = odometry_windows(stamps, places / scale, rotations_about_z(yaws), truth)
@@ -60,7 +60,7 @@ def test_in_the_plane_heights_of_the_truth_are_no_errors(height_m):
 
 @pytest.mark.parametrize('tilt_rad', [0.1, 0.3])
 def test_in_the_plane_tilt_of_the_truth_is_no_error(tilt_rad):
-    """Markers that are mounted askew, or a ramp."""
+    """Markers may be mounted askew, and a robot may be on a ramp."""
     stamps, places, yaws = planar_drive()
     turns = [quaternion_of_euler(0.0, tilt_rad, yaw) for yaw in yaws]
     truth = TrueTrack(stamps, places, turns)

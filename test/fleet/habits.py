@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What is odd about a drawn history: shapes, heights, offsets at their bounds, settings, lies."""
+"""The special features of drawn histories: shapes, heights, offsets, settings and lies."""
 
 from dataclasses import dataclass, field, replace
 from itertools import combinations, permutations
@@ -78,7 +78,7 @@ def _draw_formation(history, rng):
 
 
 def _draw_offsets(history, rng):
-    """Let stamps of odometry be late, and anchors be elsewhere, as far as bounds that hold say."""
+    """Let stamps of odometry be late and anchors be displaced, within the stated bounds."""
     config = history.config
     latencies_s = rng.choice(LATENCIES_S, len(config.robots)).tolist()
     errors = {

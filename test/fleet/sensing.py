@@ -44,7 +44,7 @@ def new_localizer(robots, anchors=MappingProxyType({}), **settings):
 
 
 def add_odometry(localizer, robot, place_m, stamp_s, yaw_rad=0.0, now_s=None, frame=''):
-    """Add a pose, which arrives at once unless it is said when."""
+    """Add a pose, which arrives at once unless `now_s` is given."""
     pose = in_space(place_m), quaternion_of_yaw(yaw_rad)
     now_s = stamp_s if now_s is None else now_s
     assert localizer.add_odometry(robot, *pose, stamp_s, now_s, frame) is None

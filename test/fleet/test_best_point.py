@@ -26,7 +26,7 @@ def anchors_of(dimension=2):
 @pytest.mark.parametrize('dimension', [2, 3])
 @pytest.mark.parametrize('cameras', [True, False])
 def test_right_readings_give_the_true_point(dimension, cameras):
-    """Bounds of 3 % are wide; readings that are right all the same find the truth in them."""
+    """Exact readings give the true point, although their bounds are 3 % wide."""
     rng, robots, anchors = np.random.default_rng(1), list('rstu'), anchors_of(dimension)
     truth_m = rng.uniform(0.0, 8.0, (len(robots), dimension))
     frames = [random_rotation(rng, dimension) for _ in robots]
@@ -97,7 +97,7 @@ def test_misread_landmarks_hardly_pull():
 
 @pytest.mark.parametrize('is_wrong', [False, True])
 def test_a_beacon_whose_bounds_do_not_hold_is_named(is_wrong):
-    """Its ranges are one and a half half widths too long, which contradicts nothing."""
+    """Its ranges are too long by 1.5 half widths, which does not contradict other readings."""
     localizer = driver(window_outliers=10)
 
     class Misread:
@@ -146,7 +146,7 @@ def test_a_proved_point_as_published_meets_every_range():
 @pytest.mark.parametrize('near_m', [0.1, 0.3])
 @pytest.mark.parametrize('far_m', [1e6, 3e7, 1e8, 1e10, 1e15])
 def test_robots_that_hardly_anything_ties_to_the_rest_have_points(far_m, near_m):
-    """Rounding hides from the equations what one absurd range tells."""
+    """Rounding hides an absurdly long range from the equations."""
     for robots in ('abc', 'abcd'):
         localizer = new_localizer(tuple(robots))
         localizer.add_range('a', 'b', far_m, NOW_S, NOW_S)
@@ -176,7 +176,7 @@ def test_the_expected_error_moves_the_point_and_not_the_bounds():
 
 @pytest.mark.parametrize('b_saw_a', [False, True])
 def test_what_is_left_out_of_the_past_still_counts_for_the_moment(b_saw_a):
-    """Robot b cannot be turned by what it sees now, and a measures it all the time."""
+    """Robot b sees nothing now, and robot a measures it all the time."""
     landmarks_m = {'p': (0.0, 0.0), 'q': (8.0, 0.0), 'r': (0.0, 6.0)}
     localizer = new_localizer(
         ('a', 'b'),

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What inputs show to be wrong with the settings is told, and the truth stays inside."""
+"""Settings that do not fit the inputs are reported, and the truth stays inside."""
 
 import math
 

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Contradictions are everyday: named, survived, and over when their cause is gone."""
+"""Contradictions are named and survived, and end when their cause is gone."""
 
 from itertools import combinations
 import math

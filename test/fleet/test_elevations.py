@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Elevations that are stated and read: what they make of ranges in space."""
+"""Stated and measured elevations, and how they turn ranges in space into distances."""
 
 from fractions import Fraction
 import math
@@ -106,7 +106,7 @@ def test_a_reading_of_another_time_is_widened_by_how_far_it_can_climb(after_s, s
 
 @pytest.mark.parametrize('after_s', [1.5, -1.5])
 def test_a_reading_of_another_time_counts_no_more(after_s):
-    """Nor does one of a time to come, after the clock went back."""
+    """A reading from the future does not count either, after the clock was set back."""
     localizer = make(max_speed_m_s=0.0, max_age_s=1.0)
     localizer.add_elevation('r', 8.0, NOW_S, NOW_S)
     measure(localizer, 12.0, NOW_S + after_s, NOW_S + after_s)
@@ -166,7 +166,7 @@ def test_readings_have_error_bounds_of_their_own():
 
 @pytest.mark.parametrize('sensor', ['r', 'r/left'])
 def test_ranges_from_above_are_remembered(sensor):
-    """A robot that drives ahead, ranged from 3 m above: a memory tells its heading."""
+    """A robot that drives ahead is ranged from 3 m above: the memory gives its heading."""
     half_widths_rad = {}
     for memory_s in (0.0, 30.0):
         localizer = make(

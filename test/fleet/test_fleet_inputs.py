@@ -17,7 +17,7 @@ UPRIGHT = [0.0, 0.0, 0.0, 1.0]
 
 
 class Torn:
-    """What raises as soon as it is read."""
+    """An object that raises as soon as it is read."""
 
     def __iter__(self):
         raise RuntimeError('torn cable')

@@ -93,7 +93,7 @@ def test_a_memory_alone_that_contradicts_itself_is_forgotten():
 
 @pytest.mark.parametrize('odometry_goes_on', [True, False])
 def test_memory_answers_while_odometry_says_where_the_robots_go(odometry_goes_on):
-    """Nothing is measured any more; where odometry is silent, too, no answer looks new."""
+    """Measurements have ended; when odometry ends as well, there is no answer."""
     localizer = localizer_of(('r', 's'), range_error=(-0.05, 0.05, 0.0, 0.0))
     for step in range(20):
         now_s = START_S + step * STEP_S

@@ -89,7 +89,7 @@ def test_the_truth_is_never_lost(motion, outliers):
 
 
 def test_rays_to_anchors_that_are_not_ranged_give_place_and_heading():
-    """As narrow as what sampling finds, with half as much again for the search."""
+    """The bounds are at most 1.5 times as wide as those that sampling finds."""
     anchors = {'a': (-3.0, 3.0), 'b': (3.0, 3.0), 'c': (-3.0, -3.0), 'd': (2.9, -2.8)}
     seen = {'e': (3.0, 1.0), 'f': (2.5, -1.2), 'g': (1.5, 2.5), 'h': (3.4, 1.9)}
     for mounts in ({}, {'tag': (-0.18, -0.11), 'cam': (0.1, 0.05)}):

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Bounds of motion hold exactly, in rational arithmetic."""
+"""Bounds of motion hold."""
 
 import math
 
@@ -76,7 +76,7 @@ def test_before_the_first_odometry_and_after_the_last_the_limits_bound_the_way()
 
 
 def test_where_odometry_is_missing_the_way_is_as_long_as_the_limits_allow():
-    """A robot that drives in a circle meanwhile is back, up to the errors of the whole way."""
+    """A robot may drive in a circle meanwhile, and be back up to the errors of that way."""
     errors = {'translation_per_m': 0.1, 'rotation_per_rad': 0.1, 'max_gap_s': 1.0}
     readings = [OdometrySample(stamp_s, np.zeros(3), np.eye(3)) for stamp_s in (0.0, 1.0, 4.0)]
     motion = motion_of(*readings, speed=2.0, **errors)

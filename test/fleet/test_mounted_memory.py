@@ -105,7 +105,7 @@ def test_one_sensor_away_from_the_center_tells_the_heading(dimension):
 
 @pytest.mark.parametrize('dimension', [2, 3])
 def test_a_wrong_reading_of_a_sensor_is_tolerated_and_named(dimension):
-    """The newest one of an estimate, and one of long before."""
+    """One is the newest reading of an estimate, the other is old."""
     found = set()
     for time_s, estimate in drive(dimension, memory_s=6.0, window_outliers=2, lies=(65, 120)):
         assert estimate.verdict is not Verdict.INFEASIBLE, estimate.reason
@@ -118,7 +118,7 @@ def test_a_wrong_reading_of_a_sensor_is_tolerated_and_named(dimension):
 
 @pytest.mark.parametrize('camera', [False, True])
 def test_the_best_point_goes_by_what_a_sensor_measured_before(camera):
-    """Of ranges 0.2 m off at most, and of rays 0.08 rad off."""
+    """Ranges are up to 0.2 m off, rays up to 0.08 rad."""
     off_m = {0.0: [], 10.0: []}
     for memory_s, seed in product(off_m, range(2)):
         for time_s, estimate in drive(2, memory_s, seed=seed, noise_m=0.2, camera=camera):
@@ -128,7 +128,7 @@ def test_the_best_point_goes_by_what_a_sensor_measured_before(camera):
 
 
 def test_ranges_of_two_sensors_may_differ_without_a_suspect():
-    """Of two robots that drive side by side, one with a sensor ahead and one behind."""
+    """Two robots drive side by side; one has a sensor ahead and one behind."""
     localizer = new_localizer(
         ('r', 's'),
         mounts={'r': {'ahead': (0.5, 0.0), 'behind': (-0.5, 0.0)}},

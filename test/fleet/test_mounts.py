@@ -22,7 +22,7 @@ MOUNTS = {'left': (0.5, 0.3), 'right': (0.5, -0.3)}
 
 
 def test_two_robots_that_range_between_their_sensors_know_left_from_right():
-    """Without cameras and anchors: the bodies are no mirror images of themselves."""
+    """There are no cameras and no anchors: the bodies differ from their mirror images."""
     for seed in range(4):
         rng = np.random.default_rng(seed)
         frames, places = [random_rotation(rng, 2) for _ in range(2)], {}

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Estimates that hang, fail, or come after a reset: nothing of them is left to later ones."""
+"""Estimates that hang, fail, or end after a reset do not change later ones."""
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace

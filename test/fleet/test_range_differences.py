@@ -63,7 +63,7 @@ class Listener:
         return place_m, angle + 0.5 * math.pi
 
     def measure(self, time_s, off_m=0.0):
-        """Add odometry and one difference; return why that was not accepted."""
+        """Add odometry and one difference; return the rejection of the difference, if any."""
         place_m, yaw = self.pose(time_s)
         add_odometry(self.localizer, 'r', place_m - self.pose(NOW_S)[0], time_s, yaw)
         tag_m = place_m + turn(2, yaw) @ [*TAG_M, 0.0]
@@ -145,7 +145,7 @@ def test_differences_that_contradict_themselves_are_left_out():
 
 @pytest.mark.parametrize('hears', [True, False])
 def test_a_robot_that_hears_two_sensors_of_another_tells_how_that_is_turned(hears):
-    """Ranges alone do not tell, as it drives in a circle about the other one."""
+    """Ranges alone do not tell this: the robot drives in a circle about the other one."""
     localizer = new_localizer(
         ('r', 's'),
         mounts={'s': {'left': (0.0, 3.0), 'right': (0.0, -3.0)}},

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The simulated fleet is the paper's, moves within its bounds, and its sensors do too."""
+"""The simulated fleet is that of the paper; its motion and its sensors keep their bounds."""
 
 import itertools
 import json

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Who is suspected of a contradiction: observations, sensors, robots; and who was before."""
+"""The suspects of a contradiction: observations, sensors and robots; and repeat offenders."""
 
 import math
 import re

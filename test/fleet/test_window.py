@@ -160,7 +160,7 @@ def test_an_answer_is_given_for_the_time_up_to_which_odometry_is_known():
     [({'memory_s': 0.0}, None), ({'memory_s': 0.0, 'anchors': TWO}, None), ({}, ())],
 )
 def test_without_memory_or_odometry_the_mirror_image_stays(settings, odometry):
-    """Beside two anchors both have one shape: only their positions tell them apart."""
+    """Beside two anchors both images have one shape, and differ in their positions only."""
     for estimate in Circling(3, **settings).drive(10.0, odometry=odometry):
         assert estimate.n_hypotheses == 2
         assert not estimate.placements[0].heading_known.any()
@@ -205,7 +205,7 @@ def test_a_robot_that_was_carried_away_is_forgotten_and_found_again(outliers):
 
 
 def test_what_a_robot_in_doubt_measured_of_others_does_not_count():
-    """It was carried away after the last range to the other robot."""
+    """The robot was carried away after the last range to the other robot."""
     fleet = Circling(2, anchors=ANCHORS, memory_s=10.0, window_outliers=2)
     list(fleet.drive(5.0))
     fleet.shift_m[0] = [1.5, -1.0]
@@ -326,7 +326,7 @@ def test_what_the_window_has_decided_needs_no_measurement():
 
 @pytest.mark.parametrize('least_listed', [None, 1])
 def test_one_listed_placement_is_the_one_that_is_left(least_listed):
-    """Also where only that one is looked at: a window that rules it out contradicts nothing."""
+    """A window that rules out the only placement that is looked at is no contradiction."""
     solver = SolverOptions(max_boxes=200, max_hypotheses=least_listed or 64)
     rng = np.random.default_rng(9)
     fleet = Circling(4, noise=0.01, max_hypotheses=1, max_age_s=1.0, solver=solver)

@@ -81,7 +81,7 @@ def test_what_was_remembered_before_it_went_wrong_stays():
 
 @pytest.mark.parametrize('others', [False, True], ids=['nothing', 'others'])
 def test_the_first_readings_of_a_pair_are_not_trusted_either(others):
-    """They are stamped after the answer: of the pair nothing is remembered by then."""
+    """They are stamped after the answer, before anything of the pair is remembered."""
     places_m = {'r0': (3.0, 2.0), 'r1': (4.0, 5.0)}
     anchors_m = {'west': (0.0, 0.0), 'east': (10.0, 0.0), 'north': (4.0, 8.0)}
     localizer = new_localizer(

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The picture of a bag: what is drawn of its answers."""
+"""The picture of the answers to a bag."""
 
 from itertools import combinations
 import math
@@ -30,7 +30,7 @@ class Answers:
         self.places, self.pairs = places, pairs
 
     def add(self, count, first=0):
-        """Add answers of as many times."""
+        """Add `count` answers, one after the other."""
         localizer = Localizer(self.config)
         for step in range(first, first + count):
             time_s = 1.0 + 0.2 * step

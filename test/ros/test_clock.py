@@ -31,7 +31,7 @@ def test_the_rate_is_that_of_the_last_estimates(period_s, until_s, wanted_hz, no
 
 
 def follow(pace, base_s, number=30):
-    """Let estimates take some time, and besides all that they may spend."""
+    """Let estimates take some time, and all that they may spend besides."""
     for _ in range(number):
         pace.note(base_s + pace.tighten_s)
 
@@ -70,7 +70,7 @@ def test_the_steps_of_a_simulated_time_are_measured(step_s):
 
 @pytest.mark.parametrize('is_simulated', [False, True])
 def test_a_clock_that_was_set_back_by_less_than_since_the_last_call_is_seen(is_simulated):
-    """A simulated one may run slowly."""
+    """A simulated clock may run slowly."""
     clock, steady = {'s': 100.0}, {'s': 0.0}
     node_time = NodeTime(lambda: clock['s'], is_simulated, lambda: steady['s'])
     clock['s'], steady['s'] = 100.2, 0.2

@@ -206,7 +206,7 @@ def test_a_bag_with_broken_metadata_is_read(localize, triangle_bag, before, afte
 
 
 def test_topics_whose_definitions_cannot_be_parsed_are_passed_over(localize, tmp_path):
-    """As those of service introspection, whose definition is that of a service."""
+    """Topics of service introspection have the definition of a service."""
     with (tmp_path / 'bag.mcap').open('wb') as file:
         writer = McapWriter(file)
         writer.start(profile='ros2')

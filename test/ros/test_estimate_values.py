@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What an estimate becomes before it is a message: poses, markers, diagnostics."""
+"""The plain values that are made of an estimate: poses, markers and diagnostics."""
 
 from dataclasses import replace
 import math

@@ -206,7 +206,7 @@ def test_peers_get_the_bounds_of_their_observer(tmp_path, learn, told):
 def test_a_link_without_truth_keeps_all_of_the_bounds_that_it_states(
     tmp_path, learn, told, per, n_biased, truth
 ):
-    """Also the least error, which it leaves to those of all ranges, where another was learned."""
+    """This includes the least error, which the link takes from the bounds of all ranges."""
     state(learn, links=[WIDE_LINK, OTHER_LINK, BARO_LINK])
     bag = record_three(tmp_path / 'bag', n_biased, truth)
     code, _ = learn(bag, '--per', per, *(('--truth', '/{robot}/truth') if truth else ()))

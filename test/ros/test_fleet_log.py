@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The log says what becomes of the fleet, once, when it lasts."""
+"""The log says once what the state of the fleet is, when that lasts."""
 
 from unittest.mock import Mock, call
 

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What is given to a localizer of a message, and what is kept from it."""
+"""The parts of messages that reach the localizer, and those that are refused."""
 
 from dataclasses import replace
 import math

@@ -45,7 +45,7 @@ ELEVATION = 'geometry_msgs/msg/PointStamped'
 
 
 def test_elevations_of_a_recording_are_read(recorder, localize):
-    """The true depth of a is 1 m, of anything up to 2.9 m."""
+    """The true depth of a is 1 m; up to 2.9 m is stated."""
     for step in range(11):
         time_ns = START_NS + step * PERIOD_NS
         reading = ElevationReading(time_ns * 1e-9, -1.0)
@@ -291,7 +291,7 @@ def test_a_picture_that_cannot_be_written_is_told(localize, triangle_bag, tmp_pa
 
 @pytest.mark.parametrize('stdout', ['pipe', '/dev/full'])
 def test_no_answer_is_lost_with_the_terminal(tmp_path, triangle_bag, stdout):
-    """Whoever read the output is gone, or the disk is full."""
+    """The reader of the output is gone, or the disk is full."""
     output = tmp_path / 'out'
     reader, writer = os.pipe()
     os.close(reader)

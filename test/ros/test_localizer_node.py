@@ -99,7 +99,7 @@ def test_simulated_time_jumps_back_and_everything_is_forgotten(bench, make_node)
 
 
 def test_answer_that_ends_after_the_clock_went_back_is_not_published(bench, make_node):
-    """Its stamp lies ahead of the clock: no answer would look newer, for as long as the bag."""
+    """Its stamp lies ahead of the clock: it would look newest for the length of the bag."""
     answered = Event()
 
     class Slow(Localizer):

@@ -105,7 +105,7 @@ def test_two_bags_of_one_name_are_refused(bags, localize_all, tmp_path, capsys):
 
 
 def test_one_process_and_four_give_the_same_bytes(localize_all, tmp_path, monkeypatch):
-    """Nor does the order of sets show, which is another one in each process."""
+    """The order of sets, which differs between processes, does not show either."""
     bags, found = [], []
     for name in ('first', 'second'):
         recorder = Recorder(tmp_path / name)

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Whatever stands in a parameter file gives settings, or a message that names the parameter."""
+"""Any content of a parameter file gives settings, or an error that names the parameter."""
 
 from array import array
 import os

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The report as a page: what is in it, and what a browser shows of it."""
+"""The report as a page: its content, and what a browser shows."""
 
 import re
 import shutil

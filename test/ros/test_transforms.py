@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Transforms: when there are some, between which frames, and where these are."""
+"""Transforms: when they are published, between which frames, and their values."""
 
 from importlib.util import find_spec
 import math

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Two fleets side by side, each in a namespace, started and looked at as an operator does."""
+"""Two fleets side by side, each in a namespace of its own."""
 
 from functools import partial
 import os
@@ -23,7 +23,7 @@ DEADLINE_S = 120.0
 
 
 def start_all(processes, log):
-    """Start what a launch file starts, in a process group of its own, as a terminal has it."""
+    """Start the processes of a launch file in one process group, as a terminal does."""
     started = []
     for process in processes:
         group = started[0].pid if started else 0

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What RViz and Foxglove are told to show, against what the node publishes; and how it looks."""
+"""The configurations of RViz and Foxglove against the outputs of the node; and the markers."""
 
 import json
 from pathlib import Path

@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What tests of the solver share."""
+"""Fixtures of the tests of the solver."""
 
 import pytest
 
