@@ -20,7 +20,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test lint format parameters docs requirements bench clean
+.PHONY: help venv demo test lint format docs requirements bench clean
 # Each recipe is one script that ends at its first error.
 .ONESHELL:
 .SHELLFLAGS = -ec

@@ -18,7 +18,7 @@ from dg_localization.ros.executables import print_result
 from dg_localization.ros.spinning import spin
 from msg_adapters import Level, Status, adapter_for
 
-USAGE = 'usage: fleet_status [--ros-args -r __ns:=/NAMESPACE -p localizer:=NAME]'
+USAGE = 'usage: fleet_status [--ros-args -p localizer:=NAMESPACE/NAME]'
 
 REFRESH_S = 1.0
 SILENT_S = 3.0

@@ -72,8 +72,8 @@ class Hypothesis:
         distances: if there are any, a placement that meets every constraint is proved to exist
         within 1e-9 of each coordinate, in units of the longest known distance.
     flexible : bool
-        Whether the placements are a continuum even without measurement errors; also true if there
-        was no time to examine that.
+        False if it was shown that the placements would not be a continuum without measurement
+        errors; True if that was not shown or not examined.
 
     """
 
