@@ -303,12 +303,13 @@ def test_anything_with_ids_is_counted_and_answered(as_objects, seeds):
         fleet = HostileFleet.make(seed)
         ids = IdFleet(fleet)
         (taker,) = make_takers(fleet, ids, 1)
+        counted = taker.counted
         for _ in range(INPUTS_PER_FLEET):
             fleet.pass_time()
             link = fleet.random.choice(ids.links)
-            before = taker.counted
             as_objects(taker, link, ids.any_message(link))
             # It may have measured no robot, or none that counts.
-            assert taker.counted >= before, seed
-        assert taker.counted > INPUTS_PER_FLEET // 2, seed
+            before, counted = counted, taker.counted
+            assert counted >= before, seed
+        assert counted > INPUTS_PER_FLEET // 2, seed
         taker.check()
