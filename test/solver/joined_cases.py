@@ -16,6 +16,7 @@ from solver_cases import (
     is_in,
     known_orientations,
     orientation,
+    scattered,
     squared_distances,
     symmetric,
 )
@@ -106,20 +107,7 @@ def _bodies(rng, dimension, n_points):
 
 
 def _positions(rng, n_points, dimension, bodies):
-    """Scatter points on integers, often with some of them together, or a body in a hyperplane."""
-    reach = int(rng.choice([1, 3, 10, 1000, 10**6]))
-    positions = rng.integers(-reach, reach + 1, size=(n_points, dimension))
-    shape = rng.choice(['general', 'general', 'general', 'flat body', 'flat', 'line', 'together'])
-    if shape == 'flat body':
-        body = bodies[rng.integers(len(bodies))]
-        positions[body, -1] = positions[body[0], -1]
-    elif shape == 'flat':
-        positions[:, -1] = rng.integers(0, 2, n_points) * (rng.random() < 0.5)
-    elif shape == 'line':
-        steps = rng.integers(-5, 6, n_points)
-        positions = positions[0] + np.outer(steps, rng.integers(-3, 4, dimension))
-    elif shape == 'together':
-        positions = positions[rng.integers(0, n_points, n_points)]
+    positions = scattered(rng, n_points, dimension, [1, 3, 10, 1000, 10**6], bodies)
     return positions * 2.0 ** rng.choice([0, 0, 0, -40, 40])
 
 

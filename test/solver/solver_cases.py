@@ -110,7 +110,9 @@ def random_case(seed, max_points=9):
     if seed % LARGE_EVERY == 0:
         most = 3 * max_points
     n_points = int(rng.integers(2, most + 1))
-    positions = _integer_positions(rng, n_points, dimension)
+    # At the farthest, squared distances are exact but their sums are rounded.
+    reaches = [1, 3, 10, 1000, 10**6, 27_000_000]
+    positions = scattered(rng, n_points, dimension, reaches)
     sides, chiralities = known_orientations(rng, positions.tolist(), [0, 0, 1, 3, 10])
     positions = positions * 2.0 ** rng.choice([0, 0, 0, 3, -40, 40])
     squared = squared_distances(positions)
@@ -120,20 +122,20 @@ def random_case(seed, max_points=9):
     return Case(problem, options, positions)
 
 
-def _integer_positions(rng, n_points, dimension):
-    """Scatter points, often with some of them together or all of them (nearly) in a hyperplane."""
-    # At the last, squared distances are exact but their sums are rounded.
-    reach = int(rng.choice([1, 3, 10, 1000, 10**6, 27_000_000]))
+def scattered(rng, n_points, dimension, reaches, bodies=()):
+    """Scatter points on integers, often with some of them together, or a body in a hyperplane."""
+    reach = int(rng.choice(reaches))
     positions = rng.integers(-reach, reach + 1, size=(n_points, dimension))
-    shape = rng.choice(['general', 'general', 'flat', 'nearly flat', 'line', 'coincident'])
-    if shape == 'flat':
-        positions[:, -1] = 0
-    elif shape == 'nearly flat':
-        positions[:, -1] = rng.integers(-1, 2, n_points)
+    shape = rng.choice(['general', 'general', 'general', 'flat body', 'flat', 'line', 'together'])
+    if shape == 'flat body':
+        body = bodies[rng.integers(len(bodies))] if bodies else range(n_points)
+        positions[body, -1] = positions[body[0], -1]
+    elif shape == 'flat':
+        positions[:, -1] = rng.integers(0, 2, n_points) * (rng.random() < 0.5)
     elif shape == 'line':
-        steps = rng.integers(-20, 21, n_points)
-        positions = positions[0] + np.outer(steps, rng.integers(-5, 6, dimension))
-    elif shape == 'coincident':
+        steps = rng.integers(-5, 6, n_points)
+        positions = positions[0] + np.outer(steps, rng.integers(-3, 4, dimension))
+    elif shape == 'together':
         positions = positions[rng.integers(0, n_points, n_points)]
     return positions
 

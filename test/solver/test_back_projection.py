@@ -10,7 +10,7 @@ from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 from solver_cases import box_of, squared_distances
-from test_projection import project_box
+from test_projection import exact_projection, project_box
 
 from dg_localization.solver.contract.back_projection import (
     back_project as rows_back_to,
@@ -39,20 +39,6 @@ def back_project(box, projected, coordinates, rows):
     left = rows_back_to(box, rows, count, *AXIS)
     coordinates[:, points[:-1]] = rows.ends[[T_LOWER, T_UPPER], : count - 1]
     return left
-
-
-def exact_projection(squared):
-    """Return the projected squared distances as rationals, for integer input."""
-    a, b, c = squared[0].tolist(), squared[1].tolist(), int(squared[AXIS])
-    numerators = [x - y + c for x, y in zip(a, b, strict=True)]
-    n_points = len(a)
-    projected = np.full((n_points, n_points), Fraction(0))
-    for i in range(2, n_points):
-        projected[0, i] = projected[i, 0] = a[i] - Fraction(numerators[i] ** 2, 4 * c)
-        for j in range(2, n_points):
-            along = Fraction((numerators[i] - numerators[j]) ** 2, 4 * c)
-            projected[i, j] = int(squared[i, j]) - along
-    return projected
 
 
 def outward(x, relative_width=0.0):

@@ -147,6 +147,20 @@ def project_box(box, a, b):
     return projected, coordinates, points.tolist(), rows._replace(points=points)
 
 
+def exact_projection(squared):
+    """Return squared distances across the axis from 0 to 1, as rationals, of integer ones."""
+    a, b, c = squared[0].tolist(), squared[1].tolist(), int(squared[0, 1])
+    numerators = [x - y + c for x, y in zip(a, b, strict=True)]
+    n_points = len(a)
+    projected = np.full((n_points, n_points), Fraction(0))
+    for i in range(2, n_points):
+        projected[0, i] = projected[i, 0] = a[i] - Fraction(numerators[i] ** 2, 4 * c)
+        for j in range(2, n_points):
+            along = Fraction((numerators[i] - numerators[j]) ** 2, 4 * c)
+            projected[i, j] = int(squared[i, j]) - along
+    return projected
+
+
 @pytest.mark.parametrize('relative_width', [0.0, 1e-9, 0.05])
 @pytest.mark.parametrize('dimension', [2, 3])
 def test_project_holds_the_projected_fleet(dimension, relative_width):
@@ -161,16 +175,12 @@ def test_project_holds_the_projected_fleet(dimension, relative_width):
         assert found is not None
         projected, coordinates, points, _ = found
         assert points == [2, 3, 4, 5, 0]
-        a, b, c = squared[0].tolist(), squared[1].tolist(), int(squared[0, 1])
-        numerators = [x - y + c for x, y in zip(a, b, strict=True)]
-        for i in points[1:]:
-            assert is_in_range(numerators[i], c, *coordinates[:, i].tolist())
-            height = a[i] - Fraction(numerators[i] ** 2, 4 * c)
-            assert projected[0, 0, i] <= height <= projected[1, 0, i]
-            for j in points[1:]:
-                along = Fraction((numerators[i] - numerators[j]) ** 2, 4 * c)
-                across = int(squared[i, j]) - along
-                assert i == j or projected[0, i, j] <= across <= projected[1, i, j]
+        exact, c = exact_projection(squared), int(squared[0, 1])
+        for i in (2, 3, 4, 5):
+            numerator = int(squared[0, i]) - int(squared[1, i]) + c
+            assert is_in_range(numerator, c, *coordinates[:, i].tolist())
+            for j in points:
+                assert i == j or projected[0, i, j] <= exact[i, j] <= projected[1, i, j]
         if relative_width == 0.0:
             assert np.max(projected[1] - projected[0]) <= 1e-11 * squared.max() ** 2 / c
 
