@@ -994,17 +994,17 @@ FLEET = [
     ),
     *_in(
         'fleet',
-        'odometry_kernels',
+        'odometry',
         ('test/fleet/test_odometry.py',),
         (
             'beyond the last sample a robot stands still',
-            'return limited if by_limit else min(span, limited)',
-            'return min(span, limited)',
+            'return np.where(by_limit, limited, np.minimum(spans, limited))',
+            'return np.minimum(spans, limited)',
         ),
         (
             'the latency of the odometry is ignored',
-            'reach = up(elapsed_up(time, stamps[nearest]) + latency)',
-            'reach = elapsed_up(time, stamps[nearest])',
+            'reach_s = up(elapsed_up(times_s, stamps_s[index]) + latency_s)',
+            'reach_s = elapsed_up(times_s, stamps_s[index])',
         ),
     ),
     *_in(

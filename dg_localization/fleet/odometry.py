@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dg_localization.fleet.odometry_error import OdometryErrorModel, most_up, step_errors
-from dg_localization.fleet.odometry_kernels import find_nearest, limit_yaws, step_angles, walk_back
+from dg_localization.fleet.odometry_kernels import spans_around, step_angles, walk_back
 from dg_localization.fleet.rotations import rotations_about_z, steepness
 from dg_localization.interval.angles import angle_up, chord_up
 from dg_localization.interval.arrays import Interval, elapsed_up, up
@@ -93,11 +93,6 @@ class OdometryPath:
         In the plane, the samples at which positions and headings change to another frame, with
         bounds of the motion from the sample before, in m and in rad.
 
-    Raises
-    ------
-    ValueError
-        If there is no sample, or the stamps do not increase.
-
     """
 
     def __init__(
@@ -114,15 +109,7 @@ class OdometryPath:
         self._positions_m = np.array(positions_m, dtype=float).reshape(-1, 3)
         self._rotations = np.array(rotations, dtype=float).reshape(-1, 3, 3)
         self._error, self._limits = error, limits or MotionLimits()
-        if len(self._stamps_s) == 0:
-            raise ValueError('an odometry path needs at least one sample')
         steps_s = np.diff(self._stamps_s)
-        if not np.all(steps_s > 0.0):
-            first = int(np.argmax(~(steps_s > 0.0)))
-            raise ValueError(
-                f'odometry stamps must increase: {self._stamps_s[first]} s is followed by '
-                f'{self._stamps_s[first + 1]} s'
-            )
         self._level = dimension == 2
         self._yaws_rad = np.arctan2(self._rotations[:, 1, 0], self._rotations[:, 0, 0])
         self._restarts = restarts
@@ -145,6 +132,7 @@ class OdometryPath:
         Parameters
         ----------
         times_s : array_like, shape (m,)
+            Not after now.
         now_s : float
         on_track : bool, optional
 
@@ -153,15 +141,8 @@ class OdometryPath:
         PastPoses
             Unbounded if neither samples nor limits bound the motion.
 
-        Raises
-        ------
-        ValueError
-            If a time lies after now.
-
         """
         times = np.asarray(times_s, dtype=float)
-        if np.any(times > now_s):
-            raise ValueError(f'{times.max()} s lies after now, {now_s} s')
         then, now = self._nearest(times), self._nearest(np.array([now_s]))
         last = int(now.index[0])
         position, yaw = self._walk_back(np.minimum(then.index, last), last)
@@ -280,32 +261,49 @@ class OdometryPath:
 
     def _index_at(self, time_s: float) -> int:
         """Return the sample nearest to a time."""
-        return int(self._nearest(np.array([time_s])).index[0])
+        return int(self._indices_at(np.array([time_s]))[0])
+
+    def _indices_at(self, times_s: np.ndarray) -> np.ndarray:
+        """Return the samples nearest to some times, the earlier one of two that are as near."""
+        stamps_s = self._stamps_s
+        after = np.minimum(np.searchsorted(stamps_s, times_s), len(stamps_s) - 1)
+        before = np.maximum(after - 1, 0)
+        is_after = np.abs(stamps_s[after] - times_s) < np.abs(stamps_s[before] - times_s)
+        return np.where(is_after, after, before)
 
     def _nearest(self, times_s: np.ndarray) -> _Nearest:
         """Return the samples nearest to some times."""
-        count, limits = len(times_s), self._limits
-        index, places = np.empty(count, np.int64), np.empty(count, np.int64)
-        offsets, reaches_s = np.empty((3, count)), np.empty(count)
-        find_nearest(
-            times_s,
-            self._stamps_s,
-            self._positions_m,
-            self._yaws_rad,
-            self._rotations,
-            self._steps,
-            (float(limits.speed_m_s), float(limits.turn_rate_rad_s), float(self._error.latency_s)),
-            index,
-            offsets,
-            reaches_s,
-            places,
+        stamps_s, limits, latency_s = self._stamps_s, self._limits, self._error.latency_s
+        slack_s = 0.0
+        if latency_s > 0.0 or (limits.speed_m_s < math.inf and limits.turn_rate_rad_s < math.inf):
+            # Equal numbers need not be equal times (`elapsed_up`).
+            largest_s = np.abs([*stamps_s[[0, -1]], *times_s]).max()
+            slack_s = 4.0 * elapsed_up(largest_s, largest_s)
+        around_s = up(latency_s + slack_s) if slack_s > 0.0 else latency_s
+        low = np.searchsorted(stamps_s, times_s - around_s, side='right') - 1
+        high = np.searchsorted(stamps_s, times_s + around_s, side='left')
+        index, last = self._indices_at(times_s), len(stamps_s) - 1
+        samples = np.stack([index, np.maximum(low, 0), np.minimum(high, last)])
+        spans = np.empty(samples.shape)
+        spans_around(
+            self._positions_m, self._yaws_rad, self._rotations, self._steps, samples, spans
         )
-        steep = np.ones(count)
+        reach_s = up(elapsed_up(times_s, stamps_s[index]) + latency_s)
+        first_s, last_s = times_s - latency_s, times_s + latency_s
+        beyond = (first_s < stamps_s[0]) | (last_s > stamps_s[-1])
+        at_end = (first_s <= stamps_s[0] + slack_s) | (last_s >= stamps_s[-1] - slack_s)
+
+        def within(spans: np.ndarray, rate: float | np.ndarray) -> np.ndarray:
+            """Return how far a robot may be from a sample: no farther than its limit lets it."""
+            limited = up(rate * reach_s)
+            by_limit = beyond | (at_end & (limited < math.inf))
+            return np.where(by_limit, limited, np.minimum(spans, limited))
+
+        rotation_rad, steep = within(spans[2], limits.turn_rate_rad_s), np.ones(len(index))
         if not self._level:
-            within_rad = up(offsets[2] + self._tilt_rad)
-            steep = steepness(self._rotations[index], within_rad)
-        limit_yaws(offsets[1], float(limits.turn_rate_rad_s), steep, reaches_s, places)
-        return _Nearest(index, offsets[0], offsets[1], offsets[2], steep)
+            steep = steepness(self._rotations[index], up(rotation_rad + self._tilt_rad))
+        yaw_rad = within(spans[1], up(limits.turn_rate_rad_s * steep))
+        return _Nearest(index, within(spans[0], limits.speed_m_s), yaw_rad, rotation_rad, steep)
 
     def _off_track(self, near: _Nearest) -> tuple[np.ndarray, np.ndarray]:
         """Return bounds of the offset of the robot from its track at times, in m and rad."""

@@ -56,14 +56,6 @@ class PairOptions:
     max_boxes: int = 2000
     max_programs: int = 0
 
-    def __post_init__(self) -> None:
-        if self.max_outliers < 0:
-            raise ValueError(f'max_outliers is {self.max_outliers}, must not be negative')
-        if not self.resolution_m > 0.0:
-            raise ValueError(f'resolution_m is {self.resolution_m} m, must be positive')
-        if self.max_boxes < 1:
-            raise ValueError(f'max_boxes is {self.max_boxes}, must be positive')
-
 
 class PosePaving(NamedTuple):
     """
