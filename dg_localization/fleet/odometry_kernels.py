@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Kernels of `odometry`: the walk back along a track, and the samples around a time."""
+"""Kernels of `odometry`: the walk back along a track, and the differences between samples."""
 
 from __future__ import annotations
 
