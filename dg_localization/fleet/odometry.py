@@ -278,7 +278,7 @@ class OdometryPath:
         if latency_s > 0.0 or (limits.speed_m_s < math.inf and limits.turn_rate_rad_s < math.inf):
             # Equal numbers need not be equal times (`elapsed_up`).
             largest_s = np.abs([*stamps_s[[0, -1]], *times_s]).max()
-            slack_s = 4.0 * elapsed_up(largest_s, largest_s)
+            slack_s = 4.0 * float(elapsed_up(largest_s, largest_s))
         around_s = up(latency_s + slack_s) if slack_s > 0.0 else latency_s
         low = np.searchsorted(stamps_s, times_s - around_s, side='right') - 1
         high = np.searchsorted(stamps_s, times_s + around_s, side='left')
