@@ -36,7 +36,7 @@ from dg_localization.ros.executables import (
     print_result,
 )
 from dg_localization.ros.interface.intake import Intake
-from dg_localization.ros.interface.links import BEARING_FIELDS, KINDS, STAMP_OFFSET, Link
+from dg_localization.ros.interface.links import KINDS, STAMP_OFFSET, Link
 from dg_localization.ros.interface.parameters.settings import parameters_text, yaml_value
 from dg_localization.ros.spinning import own_arguments
 
@@ -174,7 +174,7 @@ def _kept_links(fit: LearnedBounds, links: Iterable[Link]) -> Iterator[str]:
 def _of_fleet(kind: LinkKind, fleet: FleetConfig) -> Bounds:
     """Return the stated bounds of all ranges or of all bearings."""
     if kind is LinkKind.BEARING:
-        return {name: getattr(fleet, field) for name, field in BEARING_FIELDS.items()}
+        return {name: getattr(fleet, field) for name, (_, field) in KINDS[kind].bounds.items()}
     return bounds_of(fleet.range_error, 'range.')
 
 

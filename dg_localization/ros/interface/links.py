@@ -3,8 +3,8 @@
 
 """Links: topics with the observer and the target of their measurements."""
 
-from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 import math
 from typing import Any, NamedTuple
@@ -38,24 +38,25 @@ ANY_NAME = '[A-Za-z][A-Za-z0-9_]*'
 
 # The orientation of the sensor of peers in the body frame of its robot.
 TURNS = ('roll', 'pitch', 'yaw')
-# The fields that a link string may override, by kind of measurement.
-RANGE_FIELDS = fields_of(SensorBounds.range_error, 'range.')
-del RANGE_FIELDS['beyond_max_is_far']
-RANGE_BOUNDS = tuple(name for name in RANGE_FIELDS if not name.startswith('expected_error'))
-BEARING_FIELDS = {
-    name.removeprefix('bearing.'): field for name, field in fields_of(SensorBounds).items()
+
+
+def _fields(model: str, prefix: str, start: str = '') -> dict[str, tuple[str, str]]:
+    """Return the fields of a model of `SensorBounds`, by the names of their parameters."""
+    fields = fields_of(getattr(SensorBounds, model), prefix)
+    return {start + name: (model, field) for name, field in fields.items()}
+
+
+# By name what a link string may override: the model in `SensorBounds`, or none, and the field.
+OF_RANGES = _fields('range_error', 'range.')
+del OF_RANGES['beyond_max_is_far']
+OF_BEARINGS = {
+    name.removeprefix('bearing.'): ('', field) for name, field in fields_of(SensorBounds).items()
 }
-ELEVATION_FIELDS = fields_of(SensorBounds.elevation_error, 'elevation.')
+OF_ELEVATIONS = _fields('elevation_error', 'elevation.')
+OF_PEERS = {name: one for name, one in OF_RANGES.items() if not name.startswith('expected_error')}
+OF_PEERS['half_width'] = OF_BEARINGS['half_width']
 # Peers may also be ranges, whose bounds have the same names: hence the prefix.
-DIFFERENCE_FIELDS = {
-    f'difference_{name}': field
-    for name, field in fields_of(SensorBounds.range_difference_error, 'range_difference.').items()
-}
-ERROR_MODELS = {
-    'range_error': ((LinkKind.RANGE, LinkKind.PEERS), RANGE_FIELDS),
-    'elevation_error': ((LinkKind.ELEVATION,), ELEVATION_FIELDS),
-    'range_difference_error': ((LinkKind.PEERS,), DIFFERENCE_FIELDS),
-}
+OF_PEERS |= _fields('range_difference_error', 'range_difference.', 'difference_')
 STAMP_OFFSET = 'stamp_offset'
 
 
@@ -63,27 +64,27 @@ class InputKind(NamedTuple):
     """
     A kind of input: the type of topics that a template names, and the fields of the template.
 
-    Links of the kind may state `bounds` of their own.
+    Links of the kind may state `bounds` of their own, and `others` beside them.
     """
 
     template_type: str
     fields: tuple[str, ...]
-    bounds: Collection[str] = ()
+    bounds: Mapping[str, tuple[str, str]] = {}
+    others: tuple[str, ...] = ()
 
     @property
     def overrides(self) -> tuple[str, ...]:
         """The overrides that a link may state."""
-        return (*self.bounds, STAMP_OFFSET) if self.template_type else ()
+        return (*self.bounds, *self.others, STAMP_OFFSET) if self.template_type else ()
 
 
 ENDS, OBSERVER = ('observer', 'target'), ('observer',)
-OF_PEERS = (*RANGE_BOUNDS, 'half_width', *DIFFERENCE_FIELDS, *TURNS)
 KINDS = {
-    LinkKind.RANGE: InputKind('sensor_msgs/msg/Range', ENDS, RANGE_FIELDS),
-    LinkKind.BEARING: InputKind('geometry_msgs/msg/Vector3Stamped', ENDS, BEARING_FIELDS),
+    LinkKind.RANGE: InputKind('sensor_msgs/msg/Range', ENDS, OF_RANGES),
+    LinkKind.BEARING: InputKind('geometry_msgs/msg/Vector3Stamped', ENDS, OF_BEARINGS),
     LinkKind.ODOMETRY: InputKind('nav_msgs/msg/Odometry', ('robot',)),
-    LinkKind.PEERS: InputKind('sensor_msgs/msg/PointCloud2', OBSERVER, OF_PEERS),
-    LinkKind.ELEVATION: InputKind('geometry_msgs/msg/PointStamped', OBSERVER, ELEVATION_FIELDS),
+    LinkKind.PEERS: InputKind('sensor_msgs/msg/PointCloud2', OBSERVER, OF_PEERS, TURNS),
+    LinkKind.ELEVATION: InputKind('geometry_msgs/msg/PointStamped', OBSERVER, OF_ELEVATIONS),
     LinkKind.CAMERA: InputKind('', OBSERVER),
 }
 KIND_OF_VALUE: dict[type, LinkKind] = {
@@ -129,18 +130,13 @@ class Link:
 
     def bounds_within(self, of_all: SensorBounds) -> SensorBounds:
         """Return the error bounds of the link; those that it does not state are of the fleet."""
-        kind, stated = self.key.kind, dict[str, Any]()
-        if kind in (LinkKind.BEARING, LinkKind.PEERS):
-            stated |= self._stated(BEARING_FIELDS)
-        for name, (kinds, fields) in ERROR_MODELS.items():
-            if kind in kinds:
-                stated[name] = replace(getattr(of_all, name), **self._stated(fields))
-        return replace(of_all, **stated)
-
-    def _stated(self, fields: Mapping[str, str]) -> dict[str, Any]:
-        """Return the fields that the overrides state."""
-        stated = fields.keys() & self.overrides
-        return {fields[name]: self.overrides[name] for name in stated}
+        stated: dict[str, dict[str, Any]] = defaultdict(dict)
+        for name, (model, own_name) in KINDS[self.key.kind].bounds.items():
+            if name in self.overrides:
+                stated[model][own_name] = self.overrides[name]
+        own = stated.pop('', {})
+        models = {name: replace(getattr(of_all, name), **one) for name, one in stated.items()}
+        return replace(of_all, **own, **models)
 
     def turned(self, rays_xyz: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return rays of a sensor of peers, shape (k, 3), in the body frame of the observer."""
