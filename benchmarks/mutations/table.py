@@ -773,8 +773,8 @@ FLEET = [
         ('test/ros/test_parameters.py',),
         (
             'the ranges of peers have the bounds of all',
-            'if kind in kinds:',
-            'if kind is kinds[0]:',
+            'if name in self.overrides:',
+            'if name in self.overrides and self.key.kind is not LinkKind.PEERS:',
         ),
     ),
     *_in(
