@@ -89,14 +89,6 @@ def square(low: float, high: float) -> tuple[float, float]:
 
 
 @kernel
-def sqrt(low: float, high: float) -> tuple[float, float]:
-    """Bound the square roots of the nonnegative x."""
-    if low > high or high < 0.0:
-        return math.inf, -math.inf
-    return sqrt_down(low), sqrt_up(high)
-
-
-@kernel
 def reverse_square(
     low: float, high: float, square_low: float, square_high: float
 ) -> tuple[float, float]:
