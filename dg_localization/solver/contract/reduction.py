@@ -200,20 +200,6 @@ def _reduce_whole_line(work: Workspace, sides: Sides, merged: int) -> bool:
     return True
 
 
-@kernel(inlined=True)
-def _apply_axis(work: Workspace, sides: Sides, dimension: int, a: int, b: int, count: int) -> bool:
-    """Project the `count` points known best along an axis, reduce, and back-project."""
-    if dimension == 1:
-        return _reduce_whole_line(work, sides, a)
-    if not is_axis(work.box, a, b):
-        return True
-    if work.box.shape[1] > MOST_THROUGH:
-        rank_points(work.box, a, b, work.points)
-    if dimension == 2:
-        return reduce_plane(work, sides, count, a, b)
-    return reduce_space(work, sides, count, a, b)
-
-
 @kernel(borrows=True)
 def apply_axes(
     box: FloatArray,
@@ -237,7 +223,7 @@ def apply_axes(
     count: int,
 ) -> bool:
     """
-    Project along one axis after the other, reduce, and back-project.
+    Project the `count` points known best along one axis after the other, reduce, back-project.
 
     Called as ``apply_axes(*work, *sides, dimension, axes, count)``: arguments from Python are
     flat, because numba takes six times as long to unpack named tuples.
@@ -261,6 +247,18 @@ def apply_axes(
     )
     sides = Sides(start, stop, rows)
     for x in range(len(axes)):
-        if not _apply_axis(work, sides, dimension, axes[x, 0], axes[x, 1], count):
+        a, b = axes[x, 0], axes[x, 1]
+        if dimension == 1:
+            left = _reduce_whole_line(work, sides, a)
+        elif not is_axis(box, a, b):
+            continue
+        else:
+            if box.shape[1] > MOST_THROUGH:
+                rank_points(box, a, b, points)
+            if dimension == 2:
+                left = reduce_plane(work, sides, count, a, b)
+            else:
+                left = reduce_space(work, sides, count, a, b)
+        if not left:
             return False
     return True
