@@ -178,13 +178,13 @@ CONTRACT = [
         PROJECTION,
         (
             'the minimum of the coordinate within the axis is forgotten',
-            'low = sqrt_down(low_difference)\n    else',
-            'low = _coordinate_down(low_difference, d_lower)\n    else',
+            'low = sqrt_down(low_difference)\n',
+            'low = -_coordinate_up(-low_difference, d_lower, -0.5 * d_lower)\n',
         ),
         (
             'the maximum of the coordinate at the short axis is forgotten',
-            'high = max(high, _coordinate_up(high_difference, d_lower))',
-            'high = max(high, _coordinate_up(high_difference, d_upper))',
+            'high = max(high, _coordinate_up(high_difference, d_lower, 0.5 * d_lower))',
+            'high = max(high, _coordinate_up(high_difference, d_upper, 0.5 * d_upper))',
         ),
         (
             'the extremum of the height at a right angle is forgotten',

@@ -27,19 +27,16 @@ from dg_localization.interval.rounding import down, sqrt_down, sqrt_up, square_d
 
 
 @kernel
-def _coordinate_up(difference: float, d: float) -> float:
-    """Bound from above the coordinate (Eq. 7) for A - B = `difference` and axis length `d`."""
+def _coordinate_up(difference: float, d: float, half: float) -> float:
+    """
+    Bound from above the coordinate (Eq. 7) for A - B = `difference` and axis length `d`.
+
+    `half` is d / 2. With -d / 2 and the other sign of the difference it is minus the bound from
+    below.
+    """
     if d == 0.0:
         return math.inf if difference > 0.0 else 0.0
-    return up(up(difference / (2.0 * d)) + 0.5 * d)
-
-
-@kernel
-def _coordinate_down(difference: float, d: float) -> float:
-    """Bound from below the coordinate (Eq. 7) for A - B = `difference` and axis length `d`."""
-    if d == 0.0:
-        return -math.inf if difference < 0.0 else 0.0
-    return down(down(difference / (2.0 * d)) + 0.5 * d)
+    return up(up(difference / (2.0 * d)) + half)
 
 
 @kernel(inlined=True)
@@ -61,20 +58,17 @@ def axis_coordinate(
     |t| <= sqrt(A) and |t - d| <= sqrt(B), which give bounds even if d may vanish.
     """
     high_difference = up(a_upper - b_lower)
-    high = _coordinate_up(high_difference, d_upper)
+    high = _coordinate_up(high_difference, d_upper, 0.5 * d_upper)
     if high_difference > 0.0:
-        high = max(high, _coordinate_up(high_difference, d_lower))
+        high = max(high, _coordinate_up(high_difference, d_lower, 0.5 * d_lower))
 
     low_difference = down(a_lower - b_upper)
-    if low_difference > 0.0:
-        if sqrt_up(low_difference) < d_lower:
-            low = _coordinate_down(low_difference, d_lower)
-        elif sqrt_down(low_difference) > d_upper:
-            low = _coordinate_down(low_difference, d_upper)
-        else:
-            low = sqrt_down(low_difference)
+    if low_difference > 0.0 and sqrt_up(low_difference) >= d_lower:
+        low = sqrt_down(low_difference)
+        if low > d_upper:
+            low = -_coordinate_up(-low_difference, d_upper, -0.5 * d_upper)
     else:
-        low = _coordinate_down(low_difference, d_lower)
+        low = -_coordinate_up(-low_difference, d_lower, -0.5 * d_lower)
 
     reach_a = sqrt_up(a_upper)
     reach_b = sqrt_up(b_upper)
