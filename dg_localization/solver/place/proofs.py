@@ -13,44 +13,26 @@ from fractions import Fraction
 
 import numpy as np
 
-from dg_localization.interval.arrays import Interval, determinant
-from dg_localization.interval.kernels import kernel
-from dg_localization.interval.rounding import down, square_down, square_up, up
+from dg_localization.interval.arrays import Interval, determinant, squared_norm
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.pair_bounds import pairs_among
 from dg_localization.solver.problem import Problem
-
-
-@kernel
-def _first_not_inside(
-    positions: FloatArray, pairs: IntArray, lower: FloatArray, upper: FloatArray, first: int
-) -> tuple[int, bool]:
-    """
-    Return the first pair whose squared distance is not proved to lie within its bounds.
-
-    Return the number of pairs if there is none; also return whether it is proved to lie outside.
-    """
-    for x in range(first, len(pairs)):
-        least, most = 0.0, 0.0
-        for axis in range(positions.shape[1]):
-            arm = abs(positions[pairs[x, 0], axis] - positions[pairs[x, 1], axis])
-            least = down(least + square_down(max(0.0, down(arm))))
-            most = up(most + square_up(up(arm)))
-        if least < lower[x] or most > upper[x]:
-            return x, most < lower[x] or least > upper[x]
-    return len(pairs), False
 
 
 def pairs_lie_within(
     pairs: IntArray, lower: FloatArray, upper: FloatArray, positions: FloatArray
 ) -> bool:
     """Prove that the squared distances of some pairs of a finite placement lie in their bounds."""
-    x, is_outside = _first_not_inside(positions, pairs, lower, upper, 0)
-    while x < len(pairs):
-        if is_outside or not lower[x] <= _exact_squared(positions[pairs[x]]) <= upper[x]:
-            return False
-        x, is_outside = _first_not_inside(positions, pairs, lower, upper, x + 1)
-    return True
+    points = Interval.point(positions)
+    with np.errstate(over='ignore'):
+        squared = squared_norm(points[pairs[:, 0]] - points[pairs[:, 1]])
+    if ((squared.upper < lower) | (squared.lower > upper)).any():
+        return False
+    is_open = (squared.lower < lower) | (squared.upper > upper)
+    return all(
+        lower[x] <= _exact_squared(positions[pairs[x]]) <= upper[x]
+        for x in np.flatnonzero(is_open)
+    )
 
 
 def _exact_squared(ends: FloatArray) -> Fraction:
