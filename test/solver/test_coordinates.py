@@ -74,7 +74,7 @@ def test_coordinate_boxes_keep_every_true_point(places, slack, margin):
     lower, upper = np.maximum(squared - slack, 0.0), squared + slack
     low, high = points - margin, points + margin
     low[0], high[0] = points[0], points[0]
-    assert contract_coordinate_boxes(low, high, lower, upper, 20)
+    assert contract_coordinate_boxes(low, high, lower, upper)
     assert (low <= points).all()
     assert (points <= high).all()
 
@@ -83,4 +83,4 @@ def test_coordinate_boxes_without_a_point_are_empty():
     low, high = np.zeros((2, 2)), np.ones((2, 2))
     lower = np.array([[0.0, 100.0], [100.0, 0.0]])
     upper = np.array([[0.0, 200.0], [200.0, 0.0]])
-    assert not contract_coordinate_boxes(low, high, lower, upper, 20)
+    assert not contract_coordinate_boxes(low, high, lower, upper)

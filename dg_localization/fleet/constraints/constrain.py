@@ -26,7 +26,7 @@ from dg_localization.fleet.constraints.distances import (
 from dg_localization.fleet.constraints.rays import Angles, RayBundle, include_displacement
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey, RayReading
-from dg_localization.solver.contract.triangles import ANGLE_SWEEPS, contract_by_angles
+from dg_localization.solver.contract.triangles import contract_by_angles
 from dg_localization.solver.decompose.rigid_components import is_flexible
 from dg_localization.solver.problem import Chirality, Problem
 
@@ -184,7 +184,7 @@ def constrain(
 def _narrow_by_angles(lower: FloatArray, upper: FloatArray, angles: Angles) -> None:
     """Bound distances by the angles between rays and by other distances, in place."""
     triangulate(lower, upper, angles)
-    contract_by_angles(lower, upper, angles.corners, angles.cosines(), ANGLE_SWEEPS)
+    contract_by_angles(lower, upper, angles.corners, angles.cosines())
 
 
 def _bundles(

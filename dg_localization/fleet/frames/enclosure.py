@@ -27,7 +27,7 @@ from dg_localization.solver.contract.coordinates import (
     contract_coordinate_boxes,
     enclose_coordinates,
 )
-from dg_localization.solver.contract.triangles import ANGLE_SWEEPS, contract_by_angles
+from dg_localization.solver.contract.triangles import contract_by_angles
 from dg_localization.solver.decompose.decomposition import pieces_of
 from dg_localization.solver.result import Hypothesis, JointKind
 
@@ -43,9 +43,6 @@ Hypotheses with more boxes are enclosed by the hull of their boxes, not box by b
 cover the places of one point. With 128, five robots among 15 landmarks take twice as long; the
 tests of anchors in line and of ceilings hold with either.
 """
-
-SWEEPS = 20
-"""Most passes of the contraction of coordinate boxes."""
 
 
 @dataclass(frozen=True)
@@ -134,7 +131,7 @@ class Encloser:
         """Return a box of squared distances contracted by the angles; None if it is empty."""
         lower, upper = np.array(lower), np.array(upper)
         corners = self._solved.angles.corners
-        contract_by_angles(lower, upper, corners, self._cosines, ANGLE_SWEEPS)
+        contract_by_angles(lower, upper, corners, self._cosines)
         if (lower > upper).any():
             return None
         return _Box(lower, upper, self._solved.dimension)
@@ -174,7 +171,7 @@ class Encloser:
                 high[point] = np.minimum(high[point], place.upper)
         if (low > high).any():
             return None
-        if not contract_coordinate_boxes(low, high, box.lower, box.upper, SWEEPS):
+        if not contract_coordinate_boxes(low, high, box.lower, box.upper):
             return None
         return Interval(low, high)
 

@@ -18,7 +18,7 @@ from itertools import combinations, count
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.frames.enclosure import MAX_BOXES, SWEEPS
+from dg_localization.fleet.frames.enclosure import MAX_BOXES
 from dg_localization.interval.arrays import Interval, determinant
 from dg_localization.solver.box import component_hulls
 from dg_localization.solver.contract.coordinates import contract_coordinate_boxes
@@ -63,7 +63,7 @@ def _parts_of_point(
     for hull in hulls:
         low, high = np.array(region.lower), np.array(region.upper)
         low[row], high[row] = hull
-        if contract_coordinate_boxes(low, high, lower, upper, SWEEPS):
+        if contract_coordinate_boxes(low, high, lower, upper):
             parts.append(Interval(low, high))
     return parts
 
@@ -99,7 +99,7 @@ def _cells_of_point(
             low, high = np.array(region.lower), np.array(region.upper)
             low[row], high[row] = cell
             (high if side == 0 else low)[row, axis] = middle
-            if contract_coordinate_boxes(low, high, star_lower, star_upper, SWEEPS):
+            if contract_coordinate_boxes(low, high, star_lower, star_upper):
                 half = np.stack([low[row], high[row]])
                 heappush(cells, (-_width(half), next(numbers), half))
     return np.array([one for *_, one in cells]).reshape(-1, 2, region.lower.shape[1])

@@ -17,10 +17,11 @@ import math
 
 import numpy as np
 
+from dg_localization.interval.arrays import Interval, squared_norm
 from dg_localization.interval.kernels import kernel
 from dg_localization.interval.rounding import down, sqrt_down, sqrt_up, square_down, square_up, up
-from dg_localization.interval.scalars import add, reverse_square, square, sub
-from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, component_hulls, narrow
+from dg_localization.interval.scalars import reverse_square
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, component_hulls
 from dg_localization.solver.contract.axis_bounds import axis_coordinate
 from dg_localization.solver.contract.projection import new_rows, project
 
@@ -110,13 +111,14 @@ def _coordinate(
     return low, high
 
 
-WORTH_A_SWEEP = 0.99
-"""Another sweep follows when some side shrinks below this share of its width."""
+WORTH_A_SWEEP, SWEEPS = 0.99, 20
+"""Another sweep follows when some side shrinks below this share of its width, but no more than
+this many."""
 
 
 @kernel
 def contract_coordinate_boxes(
-    low: FloatArray, high: FloatArray, lower: FloatArray, upper: FloatArray, sweeps: int
+    low: FloatArray, high: FloatArray, lower: FloatArray, upper: FloatArray
 ) -> bool:
     """
     Contract boxes of coordinates by the distances between their points, in place.
@@ -124,7 +126,7 @@ def contract_coordinate_boxes(
     Return False if some box becomes empty.
     """
     n_points, dimension = low.shape
-    for _ in range(sweeps):
+    for _ in range(SWEEPS):
         gained = False
         for i in range(n_points):
             for j in range(n_points):
@@ -198,9 +200,6 @@ def _squares_of_other_axes(
     return least, most
 
 
-MOST_CONTRACTIONS = 8
-"""Most contractions of a box before it is bisected."""
-
 MOST_LEAVES = 512
 """Number of boxes from which on none is bisected."""
 
@@ -224,7 +223,7 @@ def _leaves(
         low[0] = stack[first, LOWER]
         high[0] = stack[first, UPPER]
         first += 1
-        if not contract_coordinate_boxes(low, high, lower, upper, MOST_CONTRACTIONS):
+        if not contract_coordinate_boxes(low, high, lower, upper):
             continue
         widest = 0
         for axis in range(1, dimension):
@@ -265,25 +264,19 @@ def regions_of_point(
     return component_hulls(_leaves(low, high, all_lower, all_upper, side_m))[0]
 
 
-@kernel
 def distances_to_region(
     region: FloatArray, enclosure: FloatArray, box: FloatArray, point: int
 ) -> bool:
     """
     Narrow the distances from one point to the first others by its region.
 
-    Return False if a distance becomes empty.
+    The box has no gaps. Return False if a distance becomes empty.
     """
-    for x in range(len(enclosure)):
-        low, high = 0.0, 0.0
-        for axis in range(region.shape[1]):
-            difference = sub(
-                region[LOWER, axis],
-                region[UPPER, axis],
-                enclosure[x, LOWER, axis],
-                enclosure[x, UPPER, axis],
-            )
-            low, high = add(low, high, *square(*difference))
-        if not narrow(box, point, x, max(low, 0.0), high):
-            return False
-    return True
+    count = len(enclosure)
+    with np.errstate(over='ignore'):
+        squared = squared_norm(Interval(*region) - Interval(*enclosure.swapaxes(0, 1)))
+    low = np.maximum(box[LOWER, point, :count], squared.lower)
+    high = np.minimum(box[UPPER, point, :count], squared.upper)
+    box[LOWER, point, :count] = box[LOWER, :count, point] = low
+    box[UPPER, point, :count] = box[UPPER, :count, point] = high
+    return bool((low <= high).all())

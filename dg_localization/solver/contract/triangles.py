@@ -173,10 +173,10 @@ def contract_adjacent_side(
 
 @kernel
 def contract_by_angles(
-    lower: FloatArray, upper: FloatArray, corners: IntArray, cosines: FloatArray, sweeps: int
+    lower: FloatArray, upper: FloatArray, corners: IntArray, cosines: FloatArray
 ) -> None:
     """Contract the sides of triangles with known angles, in place."""
-    for _ in range(sweeps):
+    for _ in range(ANGLE_SWEEPS):
         for row in range(len(corners)):
             a, b, c = corners[row]
             low, high = cosines[row, 0], cosines[row, 1]
