@@ -30,7 +30,7 @@ MARGIN = 0.1
 MOST_STEPS = 40
 """Most steps of least squares."""
 
-FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-6, 1e-9, 1e3
+FIRST_DAMPING, MOST_DAMPING = 1e-6, 1e3
 """Terms added to the diagonal of the normal equations of unit vectors."""
 
 
@@ -145,7 +145,7 @@ def refine(
             return best, np.inf
         else:
             best, misfits, slopes = trial, trial_misfits, trial_slopes
-            total, damping = trial_total, max(0.1 * damping, LEAST_DAMPING)
+            total, damping = trial_total, 0.1 * damping
     return best, damping
 
 
