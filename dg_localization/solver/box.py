@@ -12,7 +12,7 @@ problems and, in m, the distances on the line.
 
 from __future__ import annotations
 
-from enum import IntEnum
+from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +21,8 @@ from dg_localization.interval.components import components
 from dg_localization.interval.kernels import kernel
 
 
-class Status(IntEnum):
-    """
-    The result of a contraction.
-
-    Kernels that are called from Python return truth values or numbers instead: numba takes longer
-    to pass an enumeration than many of them run.
-    """
+class Status(Enum):
+    """The result of a contraction."""
 
     EMPTY = 0
     """The box is proved to hold no placement."""
@@ -35,10 +30,7 @@ class Status(IntEnum):
     CONTRACTED = 1
     """The box was narrowed as far as possible, perhaps not at all."""
 
-    NOT_RIGID = 2
-    """The box is unchanged: the measured pairs do not fix the points."""
-
-    UNFINISHED = 3
+    UNFINISHED = 2
     """The clock or the caller stopped the contraction; the box is still sound."""
 
 

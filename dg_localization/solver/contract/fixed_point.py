@@ -211,7 +211,7 @@ class Contractor:
         explained[:] = 0.0
         for points, edges, errors in self._groups:
             if len(points) == len(explained):
-                return bool(combine(box, self.problem.dimension, edges, errors, explained))
+                return combine(box, self.problem.dimension, edges, errors, explained)
             local, of_group = sub_box(box, points), np.zeros((len(points), len(points)))
             if not combine(local, self.problem.dimension, edges, errors, of_group):
                 return False

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dg_localization.interval.kernels import kernel
-from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, Status
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.contract.linearization import (
     Linearization,
     bound_linear_function,
@@ -28,6 +28,7 @@ from dg_localization.solver.contract.linearization import (
     point_errors_m,
 )
 from dg_localization.solver.contract.newton import (
+    MAX_COMBINATIONS,
     leave_out,
     narrow_displacements,
     set_inverse,
@@ -48,27 +49,34 @@ def contract_linear(
     edges: IntArray,
     errors: FloatArray,
     explained: FloatArray,
-) -> Status:
-    """Narrow all pairs of a box by linear combinations of the measured ones, in place."""
+) -> float:
+    """
+    Narrow all pairs of a box by linear combinations of the measured ones, in place.
+
+    Returns the largest relative gain of a pair, 0 where the measurements do not make the points
+    rigid; a negative number when the box is proved to hold no placement.
+    """
+    before = box[UPPER] - box[LOWER]
     n_points, dimension = positions.shape
     frame = np.full(dimension + 1, -1)
     errors_m = point_errors_m(box, np.arange(n_points))
     if not choose_axis(positions, errors_m, frame):
-        return Status.NOT_RIGID
+        return 0.0
     linear, n_unknowns = linearize(box, positions, edges, errors_m, frame)
     if n_unknowns < 0:
-        return Status.EMPTY if n_unknowns == -1 else Status.NOT_RIGID
+        return -1.0 if n_unknowns == -1 else 0.0
     inverse = np.empty((n_unknowns, len(edges)))
     widths = np.empty(len(edges))
     for m in range(len(edges)):
         widths[m] = box[UPPER, edges[m, 0], edges[m, 1]] - box[LOWER, edges[m, 0], edges[m, 1]]
     if not set_inverse(widths, linear, inverse):
-        return Status.NOT_RIGID
+        return 0.0
     relative = np.empty((len(edges), 2, dimension))
     if not narrow_displacements(box, linear, relative, NEWTON_STEPS):
-        return Status.EMPTY
-    left = _narrow_all_pairs(box, linear, inverse, errors, explained)
-    return Status.CONTRACTED if left else Status.EMPTY
+        return -1.0
+    if not _narrow_all_pairs(box, linear, inverse, errors, explained):
+        return -1.0
+    return largest_gain(box, before)
 
 
 @kernel
@@ -136,15 +144,13 @@ def groups_of(problem: Problem, smoothed: FloatArray) -> list[Group]:
     return groups
 
 
-MAX_COMBINATIONS = 4
 LEAST_COMBINATION_GAIN = 0.5
-"""Linear combinations are repeated, up to this number of times, while they halve some interval."""
+"""Linear combinations are repeated while they halve some interval."""
 
 REFERENCE_STEPS = 3
 """Least-squares steps towards the reference placement, which need not meet any bound."""
 
 
-@kernel
 def combine(
     box: FloatArray, dimension: int, edges: IntArray, errors: FloatArray, explained: FloatArray
 ) -> bool:
@@ -157,10 +163,7 @@ def combine(
     # Any placement serves as a reference, so it is not recomputed for the narrowed box.
     positions = place(box, dimension, REFERENCE_STEPS)
     for _ in range(MAX_COMBINATIONS):
-        widths = box[UPPER] - box[LOWER]
-        status = contract_linear(box, positions, edges, errors, explained)
-        if status == Status.EMPTY:
-            return False
-        if status != Status.CONTRACTED or largest_gain(box, widths) < LEAST_COMBINATION_GAIN:
-            break
+        gain = contract_linear(box, positions, edges, errors, explained)
+        if gain < LEAST_COMBINATION_GAIN:
+            return bool(gain >= 0.0)
     return True

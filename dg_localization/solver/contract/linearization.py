@@ -60,14 +60,6 @@ def _orthogonal_part(
     return math.sqrt(total)
 
 
-@kernel(inlined=True)
-def _extend_basis(positions: FloatArray, frame: IntArray, basis: FloatArray, rank: int) -> None:
-    """Write row `rank` of a frame's orthonormal basis, zero where its points are degenerate."""
-    length = _orthogonal_part(positions, frame[0], frame[rank + 1], basis, rank, basis[rank])
-    for axis in range(positions.shape[1]):
-        basis[rank, axis] = basis[rank, axis] / length if length > 0.0 else 0.0
-
-
 @kernel
 def point_errors_m(box: FloatArray, others: IntArray) -> FloatArray:
     """Return the widths of the distances of each point to other points, all above zero."""
@@ -104,14 +96,14 @@ def complete_frame(
     """
     Choose the points of a frame after its first two; return False if there are too few.
 
-    Every choice is sound. A good one spans a large simplex and is known well.
+    Every choice is sound. A good one spans a large simplex and is known well. The rows of its
+    orthonormal basis are written, zero where its points are degenerate.
     """
     n_points, dimension = positions.shape
     arm = np.empty(dimension)
-    _extend_basis(positions, frame, basis, 0)
-    for rank in range(1, dimension):
-        best = -1.0
-        for c in range(n_points):
+    for rank in range(dimension):
+        best = -1.0 if rank > 0 else 0.0
+        for c in range(n_points if rank > 0 else 0):
             used = False
             for corner in range(rank + 1):
                 used = used or frame[corner] == c
@@ -123,7 +115,9 @@ def complete_frame(
                 frame[rank + 1] = c
         if best < 0.0:
             return False
-        _extend_basis(positions, frame, basis, rank)
+        length = _orthogonal_part(positions, frame[0], frame[rank + 1], basis, rank, arm)
+        for axis in range(dimension):
+            basis[rank, axis] = arm[axis] / length if length > 0.0 else 0.0
     return True
 
 

@@ -32,13 +32,11 @@ from dg_localization.solver.contract.linearization import (
     set_residuals,
 )
 from dg_localization.solver.contract.newton import (
-    LEAST_NEWTON_GAIN,
+    MAX_COMBINATIONS,
     narrow_bounds,
     narrow_displacements,
 )
-
-MOST_PROGRAM_STEPS = 4
-"""Most Newton steps with multipliers of linear programs, after those of least squares."""
+from dg_localization.solver.contract.widths import LEAST_GAIN
 
 MOST_STEPS = 20
 """Most interval Newton steps: in wide boxes each step gains little at first."""
@@ -47,7 +45,6 @@ TOLERANCE = 0.03
 """Fraction of their widths by which measured pairs may violate bounds in a linear program."""
 
 
-@kernel
 def contract_in_frame(
     box: FloatArray,
     positions: FloatArray,
@@ -64,36 +61,24 @@ def contract_in_frame(
     """
     n_points, dimension = positions.shape
     frame = np.full(dimension + 1, -1)
-    frame[0], frame[1] = pairs[0, 0], pairs[0, 1]
+    frame[:2] = pairs[0]
     linear, n_unknowns = linearize(box, positions, edges, point_errors_m(box, frame[:2]), frame)
     if n_unknowns < 0:
-        return n_unknowns != -1
+        return bool(n_unknowns != -1)
     relative = np.empty((len(edges), 2, dimension))
     if not narrow_displacements(box, linear, relative, MOST_STEPS):
         return False
     programs = _programs_of(linear, n_unknowns)
     if not activate_well_known(programs):
         return True
-    target = np.zeros((n_points, dimension))
-    for _ in range(MOST_PROGRAM_STEPS):
+    for _ in range(MAX_COMBINATIONS):
         gain = _narrow_by_programs(linear, programs, relative, errors)
         if gain < 0.0:
             return False
         set_residuals(box, linear, relative)
-        if gain < LEAST_NEWTON_GAIN:
+        if gain < LEAST_GAIN:
             break
-    for p in range(len(pairs)):
-        i, j = pairs[p, 0], pairs[p, 1]
-        for axis in range(dimension):
-            target[i, axis] = 2.0 * (linear.reference[i, axis] - linear.reference[j, axis])
-            target[j, axis] = -target[i, axis]
-        low, high, explained[p] = _bound_by_program(linear, programs, target, errors)
-        if not narrow_to_linear(box, linear, i, j, low, high):
-            return False
-        for axis in range(dimension):
-            target[i, axis] = 0.0
-            target[j, axis] = 0.0
-    return True
+    return bool(_narrow_pairs(box, linear, programs, errors, pairs, explained))
 
 
 @kernel
@@ -129,6 +114,32 @@ def _narrow_by_programs(
                 return -1.0
             largest_gain = max(largest_gain, gain)
     return largest_gain
+
+
+@kernel
+def _narrow_pairs(
+    box: FloatArray,
+    linear: Linearization,
+    programs: LinearPrograms,
+    errors: FloatArray,
+    pairs: IntArray,
+    explained: FloatArray,
+) -> bool:
+    """Narrow some pairs of a box, and write what errors explain of each; False when empty."""
+    n_points, dimension = linear.reference.shape
+    target = np.zeros((n_points, dimension))
+    for p in range(len(pairs)):
+        i, j = pairs[p, 0], pairs[p, 1]
+        for axis in range(dimension):
+            target[i, axis] = 2.0 * (linear.reference[i, axis] - linear.reference[j, axis])
+            target[j, axis] = -target[i, axis]
+        low, high, explained[p] = _bound_by_program(linear, programs, target, errors)
+        if not narrow_to_linear(box, linear, i, j, low, high):
+            return False
+        for axis in range(dimension):
+            target[i, axis] = 0.0
+            target[j, axis] = 0.0
+    return True
 
 
 @kernel

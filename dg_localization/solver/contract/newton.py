@@ -23,19 +23,13 @@ from dg_localization.solver.box import LOWER, UPPER, FloatArray
 from dg_localization.solver.contract.linearization import (
     Linearization,
     bound_linear_function,
-    combined_width,
     reference_distance_m2,
     set_residuals,
 )
+from dg_localization.solver.contract.widths import LEAST_GAIN
 
 LEAST_WIDTH_RATIO = 1e-3
 """Least width as a fraction of the largest width, since the normal equations square it."""
-
-LEAST_PIVOT = 1e-13
-"""A pivot that keeps less than this fraction of its diagonal entry counts as zero."""
-
-LEAST_SHARE = 1e-6
-"""A measured pair is bounded by the others if they contribute at least this share of it."""
 
 
 @kernel(borrows=True)
@@ -49,7 +43,7 @@ def _invert(matrix: FloatArray) -> bool:
             for k in range(j):
                 value -= matrix[i, k] * matrix[j, k]
             if i == j:
-                if not value > LEAST_PIVOT * diagonal:
+                if not value > SMALLEST_WIDTH * diagonal:
                     return False
                 matrix[i, i] = math.sqrt(value)
             else:
@@ -155,7 +149,7 @@ def leave_out(multipliers: FloatArray, own: int) -> bool:
     The estimate contains a share of the pair itself, which is removed.
     """
     share = 1.0 - multipliers[own]
-    if not share > LEAST_SHARE:
+    if not share > 0.0:
         return False
     multipliers[own] = 0.0
     for m in range(len(multipliers)):
@@ -163,12 +157,8 @@ def leave_out(multipliers: FloatArray, own: int) -> bool:
     return True
 
 
-LEAST_NEWTON_GAIN = 0.1
-"""A step that shortens no interval by more than this fraction is the last."""
-
-MOST_TIMES_AS_WIDE = 1.5
-"""A bound is not computed if the residuals alone make it this many times wider than the known
-bounds: it would rarely cut off an end."""
+MAX_COMBINATIONS = 4
+"""Linear combinations of all measured pairs are repeated up to this number of times."""
 
 
 @kernel
@@ -197,7 +187,7 @@ def narrow_displacements(
         if gain < 0.0 or not _narrow_relative(linear, relative):
             return False
         set_residuals(box, linear, relative)
-        if gain < LEAST_NEWTON_GAIN:
+        if gain < LEAST_GAIN:
             break
     return True
 
@@ -244,11 +234,7 @@ def _narrow_by(
     bounds: FloatArray,
     axis: int,
 ) -> float:
-    """Narrow bounds by a combination that may gain; return the gain, negative if empty."""
-    # It may also gain if nothing is bounded yet, and a width is infinite or NaN.
-    known = bounds[UPPER, axis] - bounds[LOWER, axis]
-    if combined_width(linear, multipliers) > MOST_TIMES_AS_WIDE * known:
-        return 0.0
+    """Narrow bounds by a combination; return the gain, negative if empty."""
     low, high = bound_linear_function(linear, multipliers, target)
     return narrow_bounds(bounds, axis, low, high)
 

@@ -5,14 +5,15 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from dg_localization.interval.kernels import kernel
 from dg_localization.solver.box import GAP_LOWER, GAP_UPPER, LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.pair_bounds import pairs_among
 from dg_localization.solver.problem import Problem
+
+LEAST_GAIN = 0.1
+"""A step that shortens no interval by more than this fraction is the last of its kind."""
 
 
 @kernel(borrows=True)
@@ -39,24 +40,14 @@ def relative_error(box: FloatArray, i: int, j: int) -> float:
     return 1.0 - box[LOWER, i, j] / max(box[UPPER, i, j], 1e-300)
 
 
-@kernel
 def excess(
     box: FloatArray, explained: FloatArray, factor: float, resolution_m: float
 ) -> FloatArray:
-    """Return widths of pairs i < j as multiples of their limits; 0 for unbounded pairs."""
-    n_points = box.shape[1]
-    times = np.zeros((n_points, n_points))
-    for i in range(n_points):
-        for j in range(i + 1, n_points):
-            low, high = box[LOWER, i, j], box[UPPER, i, j]
-            if high == np.inf:
-                continue
-            if explained[i, j] > 0.0:
-                middle_m = math.sqrt(0.5 * low + 0.5 * high)
-                allowed_m2 = factor * explained[i, j] + resolution_m * 2.0 * middle_m
-                times[i, j] = (high - low) / allowed_m2
-            else:
-                times[i, j] = (math.sqrt(high) - math.sqrt(low)) / resolution_m
+    """Return widths of pairs as multiples of their limits; 0 for unbounded pairs."""
+    low, high = box[LOWER], np.where(box[UPPER] < np.inf, box[UPPER], box[LOWER])
+    allowed_m2 = factor * explained + resolution_m * 2.0 * np.sqrt(0.5 * low + 0.5 * high)
+    times = (np.sqrt(high) - np.sqrt(low)) / resolution_m
+    np.divide(high - low, allowed_m2, out=times, where=explained > 0.0)
     return times
 
 

@@ -24,6 +24,7 @@ from dg_localization.solver.assemble.subproblem import (
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, Status
 from dg_localization.solver.contract.fixed_point import Contractor, Pruned
 from dg_localization.solver.contract.triangles import smooth
+from dg_localization.solver.contract.widths import LEAST_GAIN
 from dg_localization.solver.place.hypotheses import place_problem
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Statistics
@@ -36,9 +37,8 @@ WELL_EXPLAINED = 0.01
 CLOSED_WIDTH = 1.05
 """A pair is finished below this ratio of its width to the width its linear program explains."""
 
-LEAST_GAIN = 0.1
 MOST_IDLE_FRAMES = 10
-"""Tightening ends after this many frames in a row that shorten no interval by this fraction."""
+"""Tightening ends after this many frames in a row without a gain of `LEAST_GAIN`."""
 
 
 class _Frames:
