@@ -14,8 +14,8 @@ from test_patches import CancelAfter, all_parts_hold, braced_grid
 from benchmarks.pieces import neighbors
 from dg_localization import Problem, SolverOptions, Verdict, solve
 from dg_localization.interval import kernels
-from dg_localization.solver.assemble.subproblem import pieces_of_problem
 from dg_localization.solver.decompose import decomposition
+from dg_localization.solver.subproblem import pieces_of_problem
 
 SEEDS = range(FIRST_SEED, FIRST_SEED + max(100, PROBLEMS // 20))
 

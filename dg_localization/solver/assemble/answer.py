@@ -12,12 +12,6 @@ from dg_localization.interval.kernels import until
 from dg_localization.solver.assemble.pieces import PieceSolver
 from dg_localization.solver.assemble.product import Nothing, Product
 from dg_localization.solver.assemble.solved_pieces import SolvedPiece, SolvedPieces, unexamined
-from dg_localization.solver.assemble.subproblem import (
-    MOST_DENSE,
-    Bounds,
-    pieces_of_problem,
-    with_shared_bounds,
-)
 from dg_localization.solver.contract.reduction import SMALL_FLEET
 from dg_localization.solver.decompose.decomposition import Decomposition
 from dg_localization.solver.decompose.graph import Points
@@ -26,6 +20,12 @@ from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import JointKind, Piece, Result, Verdict
 from dg_localization.solver.search.budget import Budget
 from dg_localization.solver.search.search import search_in_one_box
+from dg_localization.solver.subproblem import (
+    MOST_DENSE,
+    Bounds,
+    pieces_of_problem,
+    with_shared_bounds,
+)
 
 
 def solve_in_pieces(

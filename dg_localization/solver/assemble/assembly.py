@@ -23,38 +23,38 @@ import numpy as np
 from dg_localization.solver.assemble.combinations import Combination, Combinations
 from dg_localization.solver.assemble.links import Linker
 from dg_localization.solver.assemble.solved_pieces import SolvedPieces
-from dg_localization.solver.assemble.subproblem import (
-    MOST_WORK_TOGETHER,
-    Bounds,
-    bounds_within,
-    restricted,
-)
 from dg_localization.solver.box import FloatArray, IntArray
 from dg_localization.solver.decompose.graph import Points
 from dg_localization.solver.problem import Problem, Side, SideConstraint
 from dg_localization.solver.result import Joint
 from dg_localization.solver.search.budget import Budget
 from dg_localization.solver.search.search import contracted, smoothed
+from dg_localization.solver.subproblem import (
+    MOST_WORK_TOGETHER,
+    Bounds,
+    bounds_within,
+    restricted,
+)
 
-MOST_TURNS = 6
-"""Most rotations of a piece about a joint that are tried."""
 
-
-def _orthogonal(rng: np.random.Generator, count: int, dimension: int) -> FloatArray:
-    """Return random rotations or reflections, shape (count, q, q)."""
-    matrices, upper = np.linalg.qr(rng.standard_normal((count, dimension, dimension)))
-    return np.asarray(matrices * np.sign(np.diagonal(upper, axis1=1, axis2=2))[:, None])
+def _orthogonal(rng: np.random.Generator, dimension: int) -> FloatArray:
+    """Return a random rotation or reflection, shape (q, q)."""
+    matrix, upper = np.linalg.qr(rng.standard_normal((dimension, dimension)))
+    return np.asarray(matrix * np.sign(np.diagonal(upper)))
 
 
 def _aligned(
-    local: FloatArray, shared: FloatArray, target: FloatArray, turns: FloatArray, signs: FloatArray
-) -> FloatArray:
-    """Align rotated points with their shared points at a target, once for every rotation."""
-    turned = shared @ turns
-    centers, target_center = turned.mean(axis=1, keepdims=True), target.mean(axis=0)
-    left, _, right = np.linalg.svd((turned - centers).swapaxes(1, 2) @ (target - target_center))
-    left[..., -1] *= (signs * np.sign(np.linalg.det(left @ right @ turns)))[:, None]
-    return np.asarray((local @ turns - centers) @ left @ right + target_center)
+    local: FloatArray, shared: FloatArray, target: FloatArray, turn: FloatArray
+) -> list[FloatArray]:
+    """Align rotated points with their shared points at a target: as they are, and mirrored."""
+    turned = shared @ turn
+    center, target_center = turned.mean(axis=0), target.mean(axis=0)
+    left, _, right = np.linalg.svd((turned - center).T @ (target - target_center))
+    candidates = []
+    for sign in (1.0, -1.0):
+        left[:, -1] *= sign * np.sign(np.linalg.det(left @ right @ turn))
+        candidates.append((local @ turn - center) @ left @ right + target_center)
+    return candidates
 
 
 def _volume(face: FloatArray, apex: FloatArray) -> float:
@@ -141,14 +141,10 @@ class Layout:
         if not is_new.any():
             return
         is_face = len(face) == self._dimension
-        n_turns = 1 if is_face else MOST_TURNS // 2
-        if is_face:
-            turns, signs = np.repeat(np.eye(self._dimension)[None], 2, axis=0), np.array([1, -1])
-        else:
-            turns = _orthogonal(self._rng, MOST_TURNS, self._dimension)
-            signs = np.repeat([1, -1], n_turns)
+        q = self._dimension
+        turn = np.eye(q) if is_face else _orthogonal(self._rng, q)
         shared = local[np.searchsorted(members, face)]
-        candidates = _aligned(local[is_new], shared, self.positions[face], turns, signs)
+        candidates = _aligned(local[is_new], shared, self.positions[face], turn)
         old = self.positions[np.isfinite(self.positions[:, 0])]
         ranks = []
         for candidate in candidates:

@@ -21,13 +21,6 @@ from itertools import combinations, islice
 
 import numpy as np
 
-from dg_localization.solver.assemble.subproblem import (
-    MOST_DENSE,
-    MOST_TOGETHER,
-    Bounds,
-    as_box,
-    parts_within,
-)
 from dg_localization.solver.box import GAP_LOWER, LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.contract.coordinates import (
     distances_to_region,
@@ -50,6 +43,13 @@ from dg_localization.solver.result import Statistics
 from dg_localization.solver.search.branch_and_prune import Paving
 from dg_localization.solver.search.budget import Budget
 from dg_localization.solver.search.search import accept_pending, search_in_one_box, search_share
+from dg_localization.solver.subproblem import (
+    MOST_DENSE,
+    MOST_TOGETHER,
+    Bounds,
+    as_box,
+    parts_within,
+)
 
 MOST_SEEDS = 2000
 """Most seeds that are examined."""

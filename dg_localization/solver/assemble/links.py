@@ -25,13 +25,6 @@ from dg_localization.solver.assemble.combinations import (
     Site,
 )
 from dg_localization.solver.assemble.solved_pieces import SolvedPiece, SolvedPieces
-from dg_localization.solver.assemble.subproblem import (
-    MOST_CONTRACTED,
-    Bounds,
-    bounds_within,
-    restricted,
-    restricted_boxes,
-)
 from dg_localization.solver.box import FloatArray
 from dg_localization.solver.contract.sides import farthest_apex
 from dg_localization.solver.decompose.graph import BoolArray, Pair, Points, pairs_of
@@ -40,12 +33,16 @@ from dg_localization.solver.problem import Problem, Side, SideConstraint, points
 from dg_localization.solver.result import Joint, JointKind
 from dg_localization.solver.search.budget import Budget
 from dg_localization.solver.search.search import contracted
+from dg_localization.solver.subproblem import (
+    MOST_CONTRACTED,
+    Bounds,
+    bounds_within,
+    restricted,
+    restricted_boxes,
+)
 
 MOST_PAIRS = 4096
 """Pieces with more pairs of hypotheses are not compared: all pairs count as compatible."""
-
-MOST_APEXES = 8
-"""Most candidates at a face in a piece of more than `MOST_CONTRACTED` points."""
 
 
 class Linker:
@@ -352,7 +349,7 @@ def apex_of(piece: SolvedPiece, x: int, face: Points, of_face: Bounds | None = N
         place = {point: row for row, point in enumerate(points)}
         center = positions[[place[point] for point in face]].mean(axis=0)
         away = ((positions[[place[point] for point in others]] - center) ** 2).sum(axis=1)
-        others = [others[row] for row in np.argsort(away)[:MOST_APEXES]]
+        others = [others[row] for row in np.argsort(away)[:MOST_CONTRACTED]]
         points = tuple(sorted((*face, *others)))
         bounds = hypothesis.bounds_among([place[point] for point in points])
     else:

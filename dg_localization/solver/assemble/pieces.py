@@ -31,7 +31,18 @@ from dg_localization.solver.assemble.solved_pieces import (
     hull_of_ranges,
     unexamined,
 )
-from dg_localization.solver.assemble.subproblem import (
+from dg_localization.solver.box import LOWER, UPPER
+from dg_localization.solver.decompose.decomposition import Decomposition
+from dg_localization.solver.decompose.graph import pairs_of
+from dg_localization.solver.patches.answers import PatchAnswers
+from dg_localization.solver.patches.neighborhoods import PATCH_POINTS
+from dg_localization.solver.patches.solver import MOST_WHOLE, PatchSolver
+from dg_localization.solver.place.hypotheses import hypotheses_of
+from dg_localization.solver.problem import Problem
+from dg_localization.solver.result import Joint, JointKind
+from dg_localization.solver.search.budget import GRACE_S, Budget
+from dg_localization.solver.search.search import accept_pending, search_in_one_box, search_share
+from dg_localization.solver.subproblem import (
     MOST_CONTRACTED,
     MOST_TOGETHER,
     MOST_WORK_TOGETHER,
@@ -41,16 +52,6 @@ from dg_localization.solver.assemble.subproblem import (
     restricted,
     restricted_boxes,
 )
-from dg_localization.solver.box import LOWER, UPPER
-from dg_localization.solver.decompose.decomposition import Decomposition
-from dg_localization.solver.decompose.graph import pairs_of
-from dg_localization.solver.patches.answers import PatchAnswers
-from dg_localization.solver.patches.solver import MOST_WHOLE, PatchSolver
-from dg_localization.solver.place.hypotheses import hypotheses_of
-from dg_localization.solver.problem import Problem
-from dg_localization.solver.result import Joint, JointKind
-from dg_localization.solver.search.budget import GRACE_S, Budget
-from dg_localization.solver.search.search import accept_pending, search_in_one_box, search_share
 
 MOST_UNREVIEWED = 30
 """If distances are wide, contraction of a whole piece up to this size rules out as much as reviews
@@ -112,9 +113,6 @@ def solve_large(
     accept_pending(cover, budget)
     return Search(problem, cover.kept, cover.pending)
 
-
-LEAST_PARTED = 9
-"""A piece of fewer points is searched faster as a whole than in its parts."""
 
 MOST_RANGES = 16
 """Most solves of one piece, for different ranges of its given distances."""
@@ -274,7 +272,8 @@ def search_together(
 def _hidden_parts(problem: Problem, budget: Budget) -> Decomposition | None:
     """Return the parts of a piece; None if it has only one part or the time is over."""
     parts = None
-    if LEAST_PARTED <= problem.n_points <= MOST_TOGETHER:
+    # One that is no larger than a patch is searched as a whole in less time.
+    if PATCH_POINTS < problem.n_points <= MOST_TOGETHER:
         with until(budget.is_over):
             parts = pieces_of_problem(problem)
     if parts is None or len(parts.pieces) == 1:

@@ -17,12 +17,6 @@ from dg_localization.solver.assemble.assembly import Assembly
 from dg_localization.solver.assemble.combinations import Combination, Combinations, Network
 from dg_localization.solver.assemble.links import Linker, crossing_pairs, is_degenerate
 from dg_localization.solver.assemble.solved_pieces import SolvedPieces
-from dg_localization.solver.assemble.subproblem import (
-    MOST_CONTRACTED,
-    Bounds,
-    as_box,
-    parts_within,
-)
 from dg_localization.solver.box import UPPER, FloatArray
 from dg_localization.solver.place.existence import settled
 from dg_localization.solver.place.hypotheses import (
@@ -38,6 +32,12 @@ from dg_localization.solver.place.proofs import with_known_chirality
 from dg_localization.solver.problem import Problem, points_of
 from dg_localization.solver.result import Hypothesis, JointKind
 from dg_localization.solver.search.budget import Budget
+from dg_localization.solver.subproblem import (
+    MOST_CONTRACTED,
+    Bounds,
+    as_box,
+    parts_within,
+)
 
 MOST_LISTED = 6400
 """Greatest product of choices and squared points for which choices are examined to count them."""

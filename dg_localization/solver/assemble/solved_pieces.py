@@ -11,7 +11,6 @@ import math
 
 import numpy as np
 
-from dg_localization.solver.assemble.subproblem import Bounds, Ranges, restricted_boxes
 from dg_localization.solver.box import UPPER, FloatArray
 from dg_localization.solver.decompose.graph import Pair, Points
 from dg_localization.solver.patches.answers import ChainedHypothesis
@@ -21,6 +20,7 @@ from dg_localization.solver.place.hypotheses import hypotheses_of
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis, Joint
 from dg_localization.solver.search.budget import Budget
+from dg_localization.solver.subproblem import Bounds, Ranges, restricted_boxes
 
 
 @dataclass

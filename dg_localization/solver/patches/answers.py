@@ -12,7 +12,6 @@ import numpy as np
 
 from dg_localization.interval.environment import default_environment
 from dg_localization.interval.kernels import until
-from dg_localization.solver.assemble.subproblem import Bounds, parts_within
 from dg_localization.solver.box import FloatArray
 from dg_localization.solver.decompose.rigid_components import is_flexible
 from dg_localization.solver.patches.chains import ChainGraph
@@ -31,16 +30,13 @@ from dg_localization.solver.place.proofs import pairs_lie_within, with_known_chi
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
 from dg_localization.solver.search.budget import Budget
+from dg_localization.solver.subproblem import MOST_DENSE, Bounds, parts_within
 
 MOST_NUMBERS = 10**6
 """Greatest product of hypotheses and squared points for which a large piece is listed."""
 
 MOST_PIVOTS = 60
 """Most points whose chains to all points lay out a placement."""
-
-MOST_RANKED = 150
-"""Up to this size the rank of a placement is computed, which takes cubic time; larger pieces count
-as flexible if their patches do not hold them together."""
 
 
 class ChainedHypothesis(LazyHypothesis):
@@ -227,7 +223,8 @@ class PatchAnswers:
         if solved.is_one_body and not any(h.flexible for h in patches):
             # Rigid patches that hold together are rigid as a whole.
             return False
-        if solved.n_unsolved > 0 or self._problem.n_points > MOST_RANKED:
+        # The rank of a placement takes the cube of the points of time.
+        if solved.n_unsolved > 0 or self._problem.n_points > MOST_DENSE:
             return True
         return self._is_flexible
 

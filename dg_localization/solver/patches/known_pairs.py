@@ -19,12 +19,12 @@ from itertools import islice
 import numpy as np
 
 from dg_localization.solver.assemble.combinations import FREE, Combinations, Network, PieceLink
-from dg_localization.solver.assemble.subproblem import Bounds
 from dg_localization.solver.box import FloatArray, IntArray
 from dg_localization.solver.decompose.graph import BoolArray, Pair, Points
 from dg_localization.solver.pair_bounds import PairBounds, pairs_among
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
+from dg_localization.solver.subproblem import Bounds
 
 
 @dataclass(eq=False)

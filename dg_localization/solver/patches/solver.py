@@ -25,7 +25,6 @@ from itertools import islice
 import numpy as np
 
 from dg_localization.interval.environment import default_environment
-from dg_localization.solver.assemble.subproblem import Bounds, restricted, restricted_boxes
 from dg_localization.solver.box import UPPER
 from dg_localization.solver.decompose.graph import Pair, Points
 from dg_localization.solver.options import SolverOptions
@@ -43,6 +42,7 @@ from dg_localization.solver.result import Hypothesis, Statistics
 from dg_localization.solver.search.branch_and_prune import Paving
 from dg_localization.solver.search.budget import Budget
 from dg_localization.solver.search.search import search
+from dg_localization.solver.subproblem import Bounds, restricted, restricted_boxes
 
 PARTS_PER_TASK = 16
 """Parts of a task: enough that their transfer takes less time than their solution."""

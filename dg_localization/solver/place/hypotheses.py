@@ -21,15 +21,13 @@ from dg_localization.solver.place.placements import MOST_STEPS, place, scaled, s
 from dg_localization.solver.place.proofs import with_known_chirality
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
+from dg_localization.solver.subproblem import MOST_TOGETHER
 
 MAX_ATTEMPTS = 16
 """Most boxes of a component in which a placement is sought."""
 
 LARGEST_M2 = 1e150
 """Squared distances below this can be squared once more."""
-
-MOST_DENSE = 60
-"""Up to this many points, placements by all pairs of a box come before those by known pairs."""
 
 MOST_DRAWN = 3
 """Most random draws of distances if the longest ones lead to no placement (EMBED: Havel, Kuntz,
@@ -87,7 +85,8 @@ def _placements_sought(
     yield from (start for start in starts if start is not None)
     box = boxes[0]
     is_moderate = box[UPPER].max() < LARGEST_M2
-    if problem.n_points <= MOST_DENSE or not is_moderate:
+    # All pairs of a box are tried before the known ones alone.
+    if problem.n_points <= MOST_TOGETHER or not is_moderate:
         for some in boxes[:: max(1, len(boxes) // MAX_ATTEMPTS)]:
             yield place_everywhere(some, problem.dimension)
     if not is_moderate:

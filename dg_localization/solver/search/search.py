@@ -14,13 +14,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from dg_localization.interval.kernels import until
-from dg_localization.solver.assemble.subproblem import (
-    MOST_CONTRACTED,
-    MOST_DENSE,
-    Bounds,
-    as_box,
-    parts_within,
-)
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, Status
 from dg_localization.solver.contract.fixed_point import Contractor, Pruned
 from dg_localization.solver.contract.triangles import smooth
@@ -30,6 +23,13 @@ from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Statistics
 from dg_localization.solver.search.branch_and_prune import Paving, pave, split
 from dg_localization.solver.search.budget import Budget
+from dg_localization.solver.subproblem import (
+    MOST_CONTRACTED,
+    MOST_DENSE,
+    Bounds,
+    as_box,
+    parts_within,
+)
 
 WELL_EXPLAINED = 0.01
 """An interval this close, relatively, to the first-order effect of the errors is not tightened."""
