@@ -23,11 +23,11 @@ def quaternions(yaws):
     return np.array([quaternion_of_yaw(yaw) for yaw in yaws])
 
 
-def planar_drive(seconds=60.0, every_s=0.1):
+def planar_drive():
     """Return stamps, places and yaws on a circle, with steps along the headings."""
-    stamps = np.arange(0.0, seconds, every_s)
+    stamps = np.arange(0.0, 60.0, 0.1)
     yaws = 0.1 * stamps
-    steps = 0.3 * every_s * np.column_stack([np.cos(yaws), np.sin(yaws), 0.0 * yaws])
+    steps = 0.03 * np.column_stack([np.cos(yaws), np.sin(yaws), 0.0 * yaws])
     return stamps, np.cumsum(steps, axis=0) - steps, yaws
 
 

@@ -16,9 +16,9 @@ def turned(yaws_rad):
     return np.array([quaternion_of_yaw(yaw_rad) for yaw_rad in yaws_rad])
 
 
-def circle(stamps, radius=2.0, rate=0.5):
-    angles = rate * np.asarray(stamps)
-    places = radius * np.column_stack([np.cos(angles), np.sin(angles), 0.0 * angles])
+def circle(stamps):
+    angles = 0.5 * np.asarray(stamps)
+    places = 2.0 * np.column_stack([np.cos(angles), np.sin(angles), 0.0 * angles])
     return places, angles + np.pi / 2.0
 
 

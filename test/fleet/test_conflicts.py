@@ -36,9 +36,9 @@ def contradiction_of(conflicts, efforts=(Effort.BRIEF,) * 4):
     return contradicts
 
 
-def explained(conflicts, max_outliers, *, efforts=(Effort.BRIEF,) * 4, regions=(), named=(ALONE,)):
+def explained(conflicts, max_outliers, *, efforts=(Effort.BRIEF,) * 4, regions=()):
     limits = Limits(max_outliers, *AMPLE)
-    return explain(EVERYTHING, regions, named, contradiction_of(conflicts, efforts), limits)
+    return explain(EVERYTHING, regions, (ALONE,), contradiction_of(conflicts, efforts), limits)
 
 
 def hitting(conflicts, named, most):

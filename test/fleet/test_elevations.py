@@ -47,10 +47,10 @@ def measure(localizer, height_m, stamp_s=NOW_S, now_s=NOW_S, place_m=PLACE_M, se
     add_ranges(localizer, sensor, (*place_m, height_m), anchors_m, stamp_s, now_s=now_s)
 
 
-def enclosure_of(localizer, now_s=NOW_S, place_m=PLACE_M):
+def enclosure_of(localizer, now_s=NOW_S):
     """Return the width of the widest placement; the robot truly is in one."""
     estimate = localizer.step(now_s)
-    assert holds(estimate, place_m)
+    assert holds(estimate, PLACE_M)
     return max(np.ptp(placement.enclosure_m[0], axis=0).max() for placement in estimate.placements)
 
 

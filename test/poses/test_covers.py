@@ -24,8 +24,8 @@ def ranges(values, half):
     return Interval(values - half, values + half)
 
 
-def box(x, y, yaw, half=0.5, half_yaw=0.1):
-    return [[x - half, y - half, 0.0, yaw - half_yaw], [x + half, y + half, 0.0, yaw + half_yaw]]
+def box(x, y, yaw):
+    return [[x - 0.5, y - 0.5, 0.0, yaw - 0.1], [x + 0.5, y + 0.5, 0.0, yaw + 0.1]]
 
 
 def test_a_ring():

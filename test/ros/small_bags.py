@@ -110,10 +110,10 @@ class Recorder:
             self.add(topic, type_name)
         self._writer.write(self._connections[topic], START_NS + round(step * PERIOD_NS), data)
 
-    def write_at(self, times_ns, topic='/a/range/b'):
+    def write_at(self, times_ns):
         """Write a range at each receive time."""
         for time_ns in times_ns:
-            self.write(topic, (time_ns - START_NS) / PERIOD_NS, range_message(time_ns, 3.0))
+            self.write('/a/range/b', (time_ns - START_NS) / PERIOD_NS, range_message(time_ns, 3.0))
 
     def write_triangle(self, steps, ranges_m=TRIANGLE):
         for step in steps:

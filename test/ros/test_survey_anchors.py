@@ -36,8 +36,8 @@ def survey(tmp_path, capsys):
 ALL_PAIRS = tuple(combinations(PLACES, 2))
 
 
-def true_ranges(pairs=ALL_PAIRS, error_m=0.02):
-    return [(a, b, math.dist(PLACES[a], PLACES[b]) + error_m) for a, b in pairs]
+def true_ranges(pairs=ALL_PAIRS):
+    return [(a, b, math.dist(PLACES[a], PLACES[b]) + 0.02) for a, b in pairs]
 
 
 def anchored(*names):

@@ -57,11 +57,11 @@ def children(found):
     return {entry.child_frame_id for entry in found}
 
 
-def found_of(made, odometry=(), body='a/base_link', fixed_frame='map', **others):
+def found_of(made, odometry=(), body='a/base_link', **others):
     """Return the transforms of an estimate with odometry of robot a."""
     tracks = {'a': odometry, **others} if odometry else others
     config = FleetConfig(('a', 'b'), odometry_error=OdometryErrorModel(max_gap_s=0.5))
-    return transforms(made, fixed_frame, Motion(config, tracks), {'a': body})
+    return transforms(made, 'map', Motion(config, tracks), {'a': body})
 
 
 def test_a_chain_of_transforms_ends_at_the_body():

@@ -74,10 +74,10 @@ def joined_case(seed, max_points=9):
     return Case(Problem(lower, upper, dimension, sides, chiralities), options, positions)
 
 
-def grown_case(seed, max_points=12):
+def grown_case(seed):
     """Return a random problem of one body in space, of which many pairs are measured."""
     rng = np.random.default_rng([seed, 3])
-    body = list(range(int(rng.integers(5, max_points + 1))))
+    body = list(range(int(rng.integers(5, 13))))
     positions = _positions(rng, len(body), 3, [body])
     measured = np.triu(rng.random((len(body), len(body))) < rng.choice([0.5, 0.7, 0.9, 1.0]), 1)
     squared = squared_distances(positions)

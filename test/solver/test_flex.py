@@ -19,7 +19,7 @@ def test_two_isolated_hypotheses_and_a_flex():
     assert all(hypothesis.proved for hypothesis in result.hypotheses)
 
 
-def two_grids(width, dimension=2, error=1e-9):
+def two_grids(width, dimension):
     """Return two lattices that parallel bars of one length join, and their placements by angle."""
     grid = np.array(list(np.ndindex(*[width] * dimension)), dtype=float)
     corners = grid[:, 0] == width - 1 if dimension == 2 else np.ones(len(grid), dtype=bool)
@@ -38,10 +38,10 @@ def two_grids(width, dimension=2, error=1e-9):
     measured[: len(grid), len(grid) :] = measured[len(grid) :, : len(grid)] = False
     for x in held:
         measured[x, x + len(grid)] = measured[x + len(grid), x] = True
-    upper = np.where(measured, squared * (1 + error), np.inf)
+    upper = np.where(measured, squared * (1 + 1e-9), np.inf)
     np.fill_diagonal(upper, 0.0)
     assert len(upper) == n_points
-    return Problem(np.where(measured, squared * (1 - error), 0.0), upper, dimension), placed
+    return Problem(np.where(measured, squared * (1 - 1e-9), 0.0), upper, dimension), placed
 
 
 @pytest.mark.parametrize(('width', 'dimension'), [(2, 2), (3, 2), (9, 2), (10, 2), (2, 3)])
