@@ -78,8 +78,7 @@ def anchor_geometry(config: FleetConfig) -> AnchorGeometry:
     """Return the geometry of the anchors from their coordinates."""
     if not config.anchors:
         return AnchorGeometry({}, (), (), ())
-    index = {point: i for i, point in enumerate(config.points)}
-    rows = [index[name] for name in config.anchors]
+    rows = [config.rows[name] for name in config.anchors]
     centers = np.array([anchor.coordinates_m for anchor in config.anchors.values()])
     bounds_m = np.array([anchor.bound_m for anchor in config.anchors.values()])
     distances = _distances(rows, Interval.point(centers), bounds_m)

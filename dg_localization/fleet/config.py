@@ -286,6 +286,11 @@ class FleetConfig:
         return (*self.robots, *self.landmarks, *self.sensors)
 
     @cached_property
+    def rows(self) -> dict[str, int]:
+        """The index of each point into `points`."""
+        return {point: row for row, point in enumerate(self.points)}
+
+    @cached_property
     def sensors(self) -> dict[str, Mount]:
         """The sensors of all robots by the names of their points."""
         return {

@@ -185,13 +185,13 @@ class MeasurementIntake(MeasurementStore):
             stamp = self._admission.checked_stamp(stamp_s, now_s)
             error = self._config.odometry_error_of(robot)
             reported_m, place_m, rotation = interpret_pose(position_xyz, orientation_xyzw, error)
-            newest_s = self._input(key).newest_stamp_s
+            newest_s = self._inputs[key].newest_stamp_s
             if stamp <= newest_s:
                 text = f'stamp {stamp} s is not newer than the odometry before it, {newest_s} s'
                 raise RefusedError(RejectionReason.TOO_OLD, text)
             sample = OdometrySample(stamp, place_m, rotation, frame, reported_m=reported_m)
             self._track(robot).append(sample)
-            self._input(key).count_accepted(stamp, now_s)
+            self._inputs[key].count_accepted(stamp, now_s)
         return refused.get(key)
 
     @default_environment()
@@ -244,7 +244,7 @@ class MeasurementIntake(MeasurementStore):
                 )
             if text:
                 raise RefusedError(RejectionReason.INVALID_ELEVATION, f'elevation {text}')
-            self._input(key).count_accepted(stamp, now_s)
+            self._inputs[key].count_accepted(stamp, now_s)
         return refused.get(key)
 
     @default_environment()
@@ -291,7 +291,7 @@ class MeasurementIntake(MeasurementStore):
         rejections += refused.values()
         if refused and not rows:
             return rejections
-        source = self._input(together)
+        source = self._inputs[together]
         source.newest_stamp_s = max(source.newest_stamp_s, stamp)
         for row in rows:
             with self._counted(together) as refused:

@@ -11,7 +11,7 @@ reason on its input.
 from __future__ import annotations
 
 from bisect import bisect_right, insort
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -117,7 +117,7 @@ class MeasurementStore:
     def _forget_all(self, config: FleetConfig) -> None:
         """Start without measurements."""
         self._set_limits(config)
-        self._inputs: dict[LinkKey, _Input] = {}
+        self._inputs: defaultdict[LinkKey, _Input] = defaultdict(_Input)
         self._tracks: dict[str, OdometryTrack] = {}
         self._stuck = StuckWatch(config)
         self._frozen = FrozenWatch()
@@ -145,7 +145,7 @@ class MeasurementStore:
             reading = self._distance_reading(key, value, stamp_s, now_s, bounds.range_error)
         else:
             reading = self._ray_reading(key, value, stamp_s, now_s, bounds)
-        source = self._input(key)
+        source = self._inputs[key]
         source.keep(reading, self._config.max_repeats, now_s - MOST_BEFORE_S)
         source.count_accepted(stamp_s, now_s)
         self.memory.add(reading, now_s)
@@ -202,7 +202,7 @@ class MeasurementStore:
         # The error of a tilted ray may be smaller than the error of its projection.
         is_bent = half_width_rad > 0.5 * math.pi and body_ray[2] != 0.0 and config.dimension == 2
         may_rise = bool(rises and rises[1] > 0.0)
-        self._input(key).out_of_plane = leaves and not may_rise
+        self._inputs[key].out_of_plane = leaves and not may_rise
         if may_rise or leaves or is_bent:
             half_width_rad = projected_half_width_rad(body_ray, half_width_rad)
         expected_rad = bounds.bearing_expected_error_rad
@@ -219,7 +219,7 @@ class MeasurementStore:
         try:
             yield refused
         except RefusedError as error:
-            source, refused[key] = self._input(key), error.rejection
+            source, refused[key] = self._inputs[key], error.rejection
             source.rejected[error.rejection.reason] += 1
             source.last_reason_text = error.rejection.text
             if again:
@@ -321,13 +321,6 @@ class MeasurementStore:
         if track is None or not is_young(self._config, track.newest.restarted_s, now_s):
             return ''
         return track.restart
-
-    def _input(self, key: LinkKey) -> _Input:
-        """Return the input of a key, made on first use."""
-        source = self._inputs.get(key)
-        if source is None:
-            source = self._inputs[key] = _Input()
-        return source
 
     def _track(self, robot: str) -> OdometryTrack:
         """Return the odometry of `robot`, made on first use."""

@@ -41,7 +41,7 @@ class StatedWay:
 
     def __init__(self, snapshot: Snapshot, robot: str, oldest_s: float, row: int) -> None:
         config = snapshot.config
-        path = snapshot.carried.path(config.robots.index(robot))
+        path = snapshot.carried.path(config.rows[robot])
         self._error = config.odometry_error_of(robot)
         self._limits = config.speed_m_s(robot), config.max_turn_rate_rad_s
         self.row, self._now_s, self._oldest_s = row, snapshot.stamp_s, oldest_s

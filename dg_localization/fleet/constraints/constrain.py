@@ -149,7 +149,7 @@ def constrain(
     a loose distance.
     """
     config = snapshot.config
-    rows = {name: row for row, name in enumerate(config.points)}
+    rows = config.rows
     known = [*remembered]
     firm = [bounds for bounds, is_loose in known if not is_loose]
     lower, upper = given_distances(snapshot, dropped, rows, firm)

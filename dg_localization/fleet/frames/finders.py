@@ -140,7 +140,7 @@ def _places_of_all(snapshot: Snapshot, placement: Placement) -> tuple[FloatArray
     places_m = [*placement.positions_m, *placement.landmarks_m]
     boxes_m = [*placement.enclosure_m, *placement.landmark_enclosure_m]
     for name, sensor in config.sensors.items():
-        robot = config.robots.index(config.robot_of(name))
+        robot = config.rows[config.robot_of(name)]
         yaw_rad = yaw_of(placement.orientations_xyzw[robot])
         x, y = sensor.position_m
         c, s = math.cos(yaw_rad), math.sin(yaw_rad)

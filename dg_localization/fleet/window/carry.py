@@ -50,13 +50,12 @@ class CarriedWindow:
     ) -> None:
         self._config, self._motion = motion.config, motion
         self._now_s, self._anchors = now_s, anchors
-        self._index = {name: i for i, name in enumerate(self._config.points)}
         parts: dict[Pair, list[Table]] = {}
         for (observer, target, *reference), seen in window.observations.items():
             pair = self._pair_of(observer, target)
             if pair is not None:
                 by_second = self._body_of(observer) == pair[1]
-                own, *others = (self._index[p] for p in (observer, target, *reference))
+                own, *others = (self._config.rows[p] for p in (observer, target, *reference))
                 points, references = (
                     (other, own) if by_second else (own, other)
                     for other in (others[0], others[-1])
@@ -272,7 +271,7 @@ class CarriedWindow:
             return WORLD if robot == point else None
         if not (self._motion.odometry.get(robot) and config.is_upright(robot)):
             return None
-        return self._index[robot]
+        return self._config.rows[robot]
 
     def _past_of(self, robot: int, seen: Table, on_tracks: bool) -> PastPoses:
         """Return the poses of a robot at the times of some of its observations."""
@@ -324,6 +323,6 @@ class CarriedWindow:
             return poses.position_m
         arms_m = places_on_body(config, names)
         if config.dimension == 3:
-            robot = self._index[config.robot_of(names[0])]
+            robot = self._config.rows[config.robot_of(names[0])]
             arms_m = self.path(robot).leveled_points(stamps_s, arms_m)
         return poses.points_now(arms_m)

@@ -165,14 +165,13 @@ def place_by_moment(snapshot: Snapshot, placed: Collection[int]) -> dict[int, Co
 def _readings_of_moment(snapshot: Snapshot, robot: str) -> PairReadings | None:
     """Return the readings between a robot and anchors now; None if it sees no anchor."""
     config, now_s = snapshot.config, snapshot.stamp_s
-    rows = {name: row for row, name in enumerate(config.points)}
-    anchors = {name: snapshot.anchors.boxes.get(rows[name]) for name in config.anchors}
+    anchors = {name: snapshot.anchors.boxes.get(config.rows[name]) for name in config.anchors}
     own = config.points_on(robot)
     sights: list[Sight] = []
     for ray in snapshot.rays:
         place = anchors.get(ray.key.target)
         if ray.key.observer in own and place is not None:
-            (turned,) = RayBundle([ray], 1, rows, snapshot.motion).now(now_s)
+            (turned,) = RayBundle([ray], 1, config.rows, snapshot.motion).now(now_s)
             off_m = np.full(2, ray.displacement_m)
             around, anywhere = place + Interval(-off_m, off_m), (0.0, math.inf)
             sight = ray.key.observer, around, anywhere, turned.direction, turned.half_width_rad
@@ -258,7 +257,7 @@ def _unless_contradicted(
         if robot not in ends:
             continue
         (other,) = {*ends} - {robot}
-        place = anchors.boxes.get(config.points.index(other))
+        place = anchors.boxes.get(config.rows[other])
         near_m2, far_m2 = squared_distance(distance.lower_m, distance.upper_m)
         if place is not None and near_m2 <= far_m2:
             (lower_m2,), (upper_m2,) = _squared_distances_m2(cover, [place])
