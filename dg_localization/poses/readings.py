@@ -139,11 +139,12 @@ class PairReadings:
         rays: ArrayLike | None = None,
         ray_errors_rad: ArrayLike | None = None,
         seen_by_b: ArrayLike = False,
-        references_m: Interval | None = None,
-        difference_m: Interval | None = None,
+        differences: tuple[Interval, Interval] | None = None,
     ) -> Self:
         """
         Return readings; omitted quantities were not measured.
+
+        `differences` are `references_m` and `difference_m`.
 
         Raises
         ------
@@ -162,8 +163,7 @@ class PairReadings:
             np.asarray(rays, dtype=float),
             nothing[1] if ray_errors_rad is None else np.asarray(ray_errors_rad, dtype=float),
             np.broadcast_to(np.asarray(seen_by_b, dtype=bool), count),
-            points_a_m if references_m is None else references_m,
-            Interval(-nothing[1], nothing[1]) if difference_m is None else difference_m,
+            *(differences or (points_a_m, Interval(-nothing[1], nothing[1]))),
         )
         readings._check()
         return readings

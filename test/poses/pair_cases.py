@@ -99,7 +99,7 @@ def random_case(seed, *, scale_m=None, liars=0, space=None, alone=False):
     )
     if alone:
         distances, rays = None, (None, None, rays[2])
-    readings = PairReadings.of(points_a, points_b, distances, *rays, *heard)
+    readings = PairReadings.of(points_a, points_b, distances, *rays, heard)
     readings = _with_lies(rng, readings, liars, scale_m)
     height = truth.position_m[2]
     slack = 1e-9 * scale_m
@@ -188,6 +188,8 @@ def _with_lies(rng, readings, liars, scale_m):
         rays,
         readings.ray_errors_rad,
         readings.seen_by_b,
-        readings.references_m,
-        Interval(readings.difference_m.lower + lie, readings.difference_m.upper + lie),
+        (
+            readings.references_m,
+            Interval(readings.difference_m.lower + lie, readings.difference_m.upper + lie),
+        ),
     )

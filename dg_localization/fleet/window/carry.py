@@ -211,13 +211,14 @@ class CarriedWindow:
             errors_rad = np.where(by_second, errors_rad, others_errors_rad)
         bodies = ((0, other), (1, poses))
         here, there = (self._placed(seen, seen.points, *body) for body in bodies)
-        references = None
+        differences = None
         if len(seen.differences):
             of_first, of_second = (self._placed(seen, seen.references, *body) for body in bodies)
             references = Interval(
                 np.where(by_second[:, None], of_first.lower, of_second.lower),
                 np.where(by_second[:, None], of_first.upper, of_second.upper),
             )
+            differences = references, Interval(seen.least_m, seen.most_m)
         return PairReadings.of(
             here,
             there,
@@ -225,8 +226,7 @@ class CarriedWindow:
             rays,
             errors_rad,
             by_second,
-            references,
-            Interval(seen.least_m, seen.most_m),
+            differences,
         )
 
     def off_tracks(self, pair: Pair, cover: Cover) -> Cover:
