@@ -63,11 +63,6 @@ leave_early = nullcontext if COMPILED else until
 """Compiled kernels return soon; a kernel in Python must be interrupted when the time is up."""
 
 
-def _never() -> bool:
-    """Return False: nothing stops the contraction."""
-    return False
-
-
 class Pruned(NamedTuple):
     """A box after contraction."""
 
@@ -159,7 +154,7 @@ class Contractor:
         """Return the box of the problem itself; None if the triangles prove it empty."""
         return self._whole.copy() if self._is_possible else None
 
-    def contract(self, box: FloatArray, stopped: Callable[[], bool] = _never) -> Pruned:
+    def contract(self, box: FloatArray, stopped: Callable[[], bool]) -> Pruned:
         """Contract a box until further sweeps gain little."""
         status, left, explained = Status.UNFINISHED, box, np.zeros_like(box[LOWER])
         with leave_early(stopped):
