@@ -46,7 +46,7 @@ STRETCHED = 1.5
 """A window longer than this multiple of its length ends after a gap of odometry."""
 
 WAY_M, TURN_RAD = 1.0, 1.0
-"""Least longest way and greatest turn of all windows to learn errors per m and per rad."""
+"""Least longest way and greatest turn of all windows to learn errors of positions and headings."""
 
 SLOPES = np.linspace(0.0, 1.0, 401)
 """Errors per m or per rad that are tried."""

@@ -152,7 +152,7 @@ class FleetConfig:
     drop_stuck : bool
         Whether stuck readings are dropped.
     max_conflict_solves : int
-        Most problems that are solved to explain one contradiction; 0 explains none.
+        Most problems that are solved in one search for an explanation; 0 explains none.
     max_conflict_seconds : float
         Longest time of a search for the explanation; infinity sets no limit.
     solver : SolverOptions

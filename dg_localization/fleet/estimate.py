@@ -98,8 +98,8 @@ class Placement:
         Greatest angle between the orientation and the true one; pi if it is unknown.
     proved : bool
         Whether the placement was checked to meet every constraint of the solver, with outward
-        rounding. If bounds are as narrow as rounding errors, it was checked before the rotation
-        into the fixed frame.
+        rounding. In an odometry frame it was checked before the rotation into that frame, which
+        rounds.
     flexible : bool
         Whether robots may be able to move without a change of any measurement. The rotation of a
         robot about its only measured sensor does not count.
@@ -114,8 +114,9 @@ class Placement:
         Their enclosures.
     covariances : numpy.ndarray, shape (n, 6, 6), or None
         Covariances of each position (m) and of a small rotation about the axes of the fixed frame
-        (rad), by least squares. Errors count as independent and uniform within their bounds, so
-        there is no guarantee. NaN for unknown positions; None if not computed.
+        (rad), by least squares. Errors of the moment count as independent, and all errors as
+        uniform within their bounds, so there is no guarantee. NaN for unknown positions; None if
+        not computed.
     fitted_yaws_rad : numpy.ndarray, shape (n,), or None
         The headings of the best point, in the plane; NaN for headings that were not fitted. Only
         `best_headings` is sure to keep them within the bounds.
@@ -239,7 +240,8 @@ class Estimate:
         Minimal sets of links that contradict each other, as far as they were found.
     suspects : tuple of Suspect
         Suspects of the contradictions: the observations of every minimal set whose removal makes
-        the rest agree, or the one sensor or robot that such a set shares.
+        the rest agree, or the one sensor or robot that such a set shares. If no set may be
+        removed, whatever explains all conflicts alone, else all that is in a conflict.
     suspected_sensors : tuple of Suspect
         The sensors of these suspects and the anchors that they measure, or the suspected robots.
     suspects_in_window : tuple of Suspect

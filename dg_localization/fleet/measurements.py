@@ -241,7 +241,8 @@ class MeasurementStore:
 
     def newest_stamp_s(self, key: LinkKey) -> float:
         """Return the stamp of the newest measurement of an input; -inf if there is none."""
-        return self._inputs[key].newest_stamp_s
+        source = self._inputs.get(key)
+        return -math.inf if source is None else source.newest_stamp_s
 
     def odometry_readings(self) -> dict[str, tuple[OdometrySample, ...]]:
         """Return the odometry of every robot that has some, oldest first."""

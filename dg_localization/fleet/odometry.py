@@ -141,8 +141,15 @@ class OdometryPath:
         PastPoses
             Unbounded if neither samples nor limits bound the motion.
 
+        Raises
+        ------
+        ValueError
+            If a time lies after now.
+
         """
         times = np.asarray(times_s, dtype=float)
+        if np.any(times > now_s):
+            raise ValueError(f'{times.max()} s lies after now, {now_s} s')
         then, now = self._nearest(times), self._nearest(np.array([now_s]))
         last = int(now.index[0])
         position, yaw = self._walk_back(np.minimum(then.index, last), last)

@@ -184,7 +184,8 @@ class SensorBounds:
     Raises
     ------
     ConfigError
-        If the half width is negative, above pi or not finite, or another value is of a wrong type.
+        If the half width is negative, above pi or not finite, or another value is not
+        finite or of a wrong type.
 
     """
 

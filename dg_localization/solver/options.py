@@ -11,7 +11,7 @@ from numbers import Integral, Real
 from typing import Protocol
 
 LARGEST_RESOLUTION_M = 1e154
-"""The square of a larger number overflows."""
+"""Its square is finite; squares overflow from 1.35e154 on."""
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,7 @@ class Hypothesis:
         distances: if there are any, a placement that meets every constraint is proved to exist
         within 1e-9 of each coordinate, in units of the longest known distance.
     flexible : bool
-        False if it was shown that the placements would not be a continuum without measurement
+        False if it was shown that the placement cannot move continuously without measurement
         errors; True if that was not shown or not examined.
 
     """

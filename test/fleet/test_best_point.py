@@ -210,4 +210,4 @@ def test_best_points_are_as_far_off_as_their_covariances_say(name):
     row = Row.of(CASES[name], seeds=20, count=8)
     assert (row.beyond <= 0.02).all()
     # A normal distribution has 0.79; bounds leave open how errors are distributed within them.
-    assert 0.3 <= row.median_nees <= 1.4
+    assert 0.3 <= row.median_nees <= (1.4 if name == 'straight' else 1.3)

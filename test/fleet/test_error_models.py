@@ -7,7 +7,7 @@ from fractions import Fraction
 from itertools import product
 import math
 
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 
@@ -39,6 +39,7 @@ finite = st.floats(-2.0, 2.0)
 fraction = st.floats(-0.9, 0.9)
 
 
+@settings(derandomize=False)
 @given(
     reading=st.floats(0.0, 1e3),
     absolute=st.tuples(finite, finite),

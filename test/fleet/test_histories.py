@@ -66,22 +66,40 @@ ERROR = OdometryErrorModel(
 FLIGHT_S = 12.0
 
 
-def flight(seed, robots=2, **kind):
-    return History.draw(seed, robots, 4, FLIGHT_S, dimension=3, error=ERROR, memory_s=15.0, **kind)
+def flight(seed, *, robots=2, memory_s=15.0, **kind):
+    return History.draw(
+        seed, robots, 4, FLIGHT_S, dimension=3, error=ERROR, memory_s=memory_s, **kind
+    )
 
 
 def check(history):
-    """Play a flight without a loss."""
+    """Play a flight without a loss; return the last estimate."""
     for time_s, estimate in history.play(localizer_of(history), np.arange(1.0, FLIGHT_S)):
         assert estimate.verdict is not Verdict.INFEASIBLE
         assert not estimate.forgotten
         assert truth_is_inside(history, time_s, estimate), time_s
+    return estimate
 
 
 @pytest.mark.parametrize('steepest_rad', [0.3, 1.2])
 @pytest.mark.parametrize('seed', range(3))
 def test_no_pose_is_lost_by_rays_of_tilted_cameras(seed, steepest_rad):
     check(flight(seed, steepest_rad=steepest_rad, cameras=True))
+
+
+def test_positions_are_sharper_and_headings_known():
+    of_memory, of_moment = (
+        check(flight(1, memory_s=memory_s, steepest_rad=0.3, cameras=False))
+        for memory_s in (15.0, 0.0)
+    )
+    widths = [
+        np.max([np.ptp(p.enclosure_m, axis=1) for p in e.placements], axis=0)
+        for e in (of_memory, of_moment)
+    ]
+    assert np.all(widths[0][:, :2] < 1.5) and np.all(widths[0] < 0.6 * widths[1])
+    (placement,) = of_memory.placements
+    assert placement.heading_known.all() and np.all(placement.heading_half_width_rad < 1.0)
+    assert not any(p.heading_known.any() for p in of_moment.placements)
 
 
 def test_wrong_readings_lose_nothing_where_they_are_tolerated():

@@ -25,6 +25,9 @@ from dg_localization.fleet.snapshot import Snapshot
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+MOST_SAMPLES = 200
+"""The path is straight between samples."""
+
 VARIANTS = 5
 """Variants of a path: as stated, and with each of four odometry errors along the whole path."""
 
@@ -37,7 +40,7 @@ AXES = [0, 1, 5]
 
 
 class StatedWay:
-    """The odometry of a robot since a time; `row` is its body of now."""
+    """The odometry of a robot since a time, thinned; `row` is its body of now."""
 
     def __init__(self, snapshot: Snapshot, robot: str, oldest_s: float, row: int) -> None:
         config = snapshot.config
@@ -49,7 +52,9 @@ class StatedWay:
         stamps_s = path.stamps_s[first:]
         steps_s, known = np.diff(stamps_s), path.is_known[first:]
         self._sampled_s = stamps_s, np.append(0.0, np.cumsum(np.where(known, 0.0, steps_s)))
-        self._stamps_s, poses = stamps_s, path.poses[first:]
+        # Thin from the newest sample backward, since it counts most.
+        every = slice(None, None, -max(1, len(stamps_s) // MOST_SAMPLES))
+        self._stamps_s, poses = stamps_s[every][::-1], path.poses[first:][every][::-1]
         # Poses before the first odometry sample are unknown.
         self.since_s = max(oldest_s, float(self._stamps_s[0]))
         yaws_rad = np.unwrap(poses[:, 2])

@@ -32,7 +32,8 @@ LEAST_HALF_WIDTH = 1e-6
 MOST_BODIES = 30
 """
 The cost of a fit grows with the cube of the number of bodies: fleets of more points get one start
-only, and fleets of more robots no smoother. Others have twice as many past poses.
+only, and fleets of more robots no smoother. All robots together have at most twice as many past
+poses.
 """
 
 UNIFORM = 3.0

@@ -286,7 +286,7 @@ def not_searched(config: FleetConfig, explanation: Explanation) -> str:
         return ''
     return (
         f'; not searched: whether dropping more than {explanation.searched} explains it '
-        f'(max_outliers is {config.max_outliers}; raise conflicts.max_solves)'
+        f'(max_outliers is {config.max_outliers}; the limits of the search ended it)'
     )
 
 

@@ -70,7 +70,7 @@ class Identities:
         self._unknown: set[str] = set()
 
     def observer(self, link: Link, observer_id: str) -> str:
-        """Return the observer; raise ValueError if link and message do not name the same one."""
+        """Return the observer; raise ValueError if there is none, or if there are two."""
         named = link.key.observer
         name = self._names.get(observer_id, IGNORED) if observer_id else named
         if name == ANY_OBSERVER:

@@ -66,7 +66,7 @@ def unique_pose(
     Variances are at least `LEAST_VARIANCE`, which is also the variance of coordinates fixed by the
     plane. An unknown heading is the identity with `UNKNOWN_VARIANCE_RAD2`. If `least_deviation_m`
     states the least standard deviation of a coordinate, the covariance is that of least squares,
-    for independent errors uniform within their bounds. If it is None, or the estimate has no least
+    for errors uniform within their bounds. If it is None, or the estimate has no least
     squares, the covariance follows from the bounds.
     """
     if estimate.n_hypotheses != 1 or len(estimate.placements) != 1:

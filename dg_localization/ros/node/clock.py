@@ -18,7 +18,7 @@ WINDOW_S = 5.0
 """Least time span of a rate, so that one late event does not lower it."""
 
 LEAST_SET_BACK_S = 0.001
-"""Smaller steps back are not detected, since the clocks of a machine differ slightly."""
+"""A clock that falls behind by less is not set back: the clocks of a machine differ slightly."""
 
 SILENT_CLOCK_S = 3.0
 """A clock that stands still for longer gives a warning."""

@@ -142,7 +142,8 @@ class LiveParameters:
     node : Node
         A node with declared parameters.
     apply : callable
-        Called with the settings after a change; they hold the fleet as configured.
+        Called with the settings after a change; robots, inputs and outputs are those
+        configured.
 
     """
 
