@@ -124,13 +124,13 @@ CONTRACT = [
         LINE,
         (
             'the near branch forgets that either may be the longer one',
-            'near_high = up(max(a_high - b_low, b_high - a_low))',
-            'near_high = up(a_high - b_low)',
+            'up(max(ij[1] - jk[0], jk[1] - ij[0]))',
+            'up(ij[1] - jk[0])',
         ),
         (
             'the far branch on the line ends too soon',
-            'return near_low, near_high, down(a_low + b_low), up(a_high + b_high)',
-            'return near_low, near_high, down(a_low + b_low), up(a_low + b_high)',
+            'far = down(ij[0] + jk[0]), up(ij[1] + jk[1])',
+            'far = down(ij[0] + jk[0]), up(ij[0] + jk[1])',
         ),
         (
             'the far branch beyond a gap is forgotten',

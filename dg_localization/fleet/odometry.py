@@ -289,8 +289,10 @@ class OdometryPath:
         around_s = up(latency_s + slack_s) if slack_s > 0.0 else latency_s
         low = np.searchsorted(stamps_s, times_s - around_s, side='right') - 1
         high = np.searchsorted(stamps_s, times_s + around_s, side='left')
-        index, last = self._indices_at(times_s), len(stamps_s) - 1
-        samples = np.stack([index, np.maximum(low, 0), np.minimum(high, last)])
+        low, high = np.maximum(low, 0), np.minimum(high, len(stamps_s) - 1)
+        # Differences of times are rounded: the nearest sample by these may be another one.
+        index = np.clip(self._indices_at(times_s), low, high)
+        samples = np.stack([index, low, high])
         spans = np.empty(samples.shape)
         spans_around(
             self._positions_m, self._yaws_rad, self._rotations, self._steps, samples, spans

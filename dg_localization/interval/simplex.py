@@ -24,6 +24,10 @@ import numpy as np
 from dg_localization.interval.components import HIGH, LOW
 from dg_localization.interval.kernels import kernel
 
+MOST_EXCHANGES = 60
+"""Most exchanges for one function. As many as rows take four times as long at 30 points in space,
+and bounds gain less than 3 %."""
+
 SMALLEST_WIDTH = 1e-13
 """Least relative width of a row, so that weights stay finite for exact bounds; a pivot that keeps
 no more than this part of its diagonal entry counts as zero."""
@@ -201,8 +205,7 @@ def find_multipliers(programs: LinearPrograms, tolerance: float) -> None:
     """
     Find the multipliers of the active rows that bound the function of the table from above.
 
-    Rows may violate their bounds by the tolerance, a fraction of their widths. There are at most
-    as many exchanges as rows.
+    Rows may violate their bounds by the tolerance, a fraction of their widths.
     """
     table, active = programs.table, programs.active
     n_unknowns = len(active)
@@ -213,7 +216,7 @@ def find_multipliers(programs: LinearPrograms, tolerance: float) -> None:
     widest = (programs.bounds[:, HIGH] - programs.bounds[:, LOW]).max()
     vertex, displaced = np.zeros(n_unknowns), np.zeros(n_unknowns)
     entries, ratios = np.empty(n_unknowns), np.empty(n_unknowns)
-    for _ in range(len(programs.bounds)):
+    for _ in range(MOST_EXCHANGES):
         _move_to_vertex(programs, vertex, displaced)
         row = _leaving_row(programs, displaced, tolerance, widest)
         if row < 0:

@@ -27,8 +27,8 @@ def count_agreeing(
     """
     Count the newest readings that agree with each other, and with the odometries since.
 
-    More readings leave fewer poses: bisection finds the least number that leaves none. Either the
-    oldest of these readings is wrong, or an odometry violated its bounds after it.
+    More readings leave fewer poses: bisection finds the least number that leaves none. If the
+    newer ones are right, the oldest of these is wrong, or an odometry broke its bounds since.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ from dg_localization.interval.environment import default_environment
 from dg_localization.poses.cover import arc_around
 from dg_localization.poses.cuts import A_BODY, A_RADIUS, B_BODY, B_RADIUS, GROUP
 from dg_localization.poses.half_spaces import HIGH, LOW, YAW
-from dg_localization.poses.joint_kernels import POSSIBLE, narrow_boxes
+from dg_localization.poses.joint_kernels import POSSIBLE, narrow_box
 from dg_localization.poses.readings import PairReadings
 from dg_localization.poses.search import PairOptions, pave_poses
 from dg_localization.poses.turns import TURN
@@ -40,9 +40,6 @@ PASSES = 6
 
 FRUITLESS = 12
 """The search ends after this many boxes without a gain: twice as many rarely gain anything."""
-
-BATCH = 16
-"""Boxes narrowed by linear programs between two checks of the clock, in about 1 ms."""
 
 
 @dataclass(frozen=True)
@@ -187,11 +184,10 @@ def _narrow_by_programs(
     boxes = box.reshape(1, 2, -1).copy()
     while True:
         found = np.full(len(boxes), POSSIBLE)
-        for first in range(0, len(boxes), BATCH):
+        for number, part in enumerate(boxes):
             if stopped():
                 return _hull(boxes[found == POSSIBLE], box), POSSIBLE
-            batch = slice(first, first + BATCH)
-            narrow_boxes(boxes[batch], table, PASSES, found[batch])
+            found[number] = narrow_box(part, table, PASSES)
         left = boxes[found == POSSIBLE]
         if len(left) == 0:
             return box, int(found[-1])

@@ -135,7 +135,7 @@ def _guilty(programs: LinearPrograms, bounds: np.ndarray, owners: np.ndarray) ->
 
 
 @kernel
-def _narrow_box(box: np.ndarray, table: np.ndarray, passes: int) -> int:
+def narrow_box(box: np.ndarray, table: np.ndarray, passes: int) -> int:
     """Narrow a box in place; return the pair that rules it out, or `POSSIBLE`."""
     view = np.empty((box.shape[1] // 4 + 1, VIEW))
     all_slopes = np.empty((len(table), box.shape[1]))
@@ -171,25 +171,3 @@ def _narrow_box(box: np.ndarray, table: np.ndarray, passes: int) -> int:
         if narrowed < LEAST_NARROWED:
             break
     return POSSIBLE
-
-
-@kernel
-def narrow_boxes(boxes: np.ndarray, table: np.ndarray, passes: int, found: np.ndarray) -> None:
-    """
-    Narrow boxes of the poses of all bodies by the distances of all pairs.
-
-    Parameters
-    ----------
-    boxes : numpy.ndarray, shape (k, 2, 4 n)
-        Narrowed in place.
-    table : numpy.ndarray, shape (m, COLUMNS)
-        The readings of all pairs; each pair is a group.
-    passes : int
-        Most repetitions.
-    found : numpy.ndarray of int, shape (k,)
-        Receives `POSSIBLE` for each box, or the pair that weighs most in the proof that no pose is
-        left.
-
-    """
-    for number in range(boxes.shape[0]):
-        found[number] = _narrow_box(boxes[number], table, passes)

@@ -106,6 +106,12 @@ def best_seed(
     return best
 
 
+MOST_PARTIAL_BOXES = 32
+"""Growth ends when there are more partial boxes; the search continues from them."""
+
+MOST_REGIONS = 4
+"""A point with more possible regions is not placed yet."""
+
 LEAST_REGION = 0.01
 """Least size of the boxes of a region, as a fraction of the longest distance."""
 
@@ -150,11 +156,10 @@ class PartialBox:
 class Growth:
     """Places the points of a problem in space one after the other."""
 
-    def __init__(self, problem: Problem, budget: Budget, share: float) -> None:
+    def __init__(self, problem: Problem, resolution_m: float, stopped: Callable[[], bool]) -> None:
         self._problem = problem
-        self._resolution_m = budget.options.resolution
-        self._most = budget.boxes_left()
-        self._stopped = budget.has_passed(share)
+        self._resolution_m = resolution_m
+        self._stopped = stopped
         self._measured = np.isfinite(problem.upper) & ~np.eye(problem.n_points, dtype=np.bool_)
 
     def run(self) -> list[PartialBox] | None:
@@ -165,8 +170,7 @@ class Growth:
         box = self._contracted(seed, as_box(self._problem.bounds_among(seed)))
         growing = [] if box is None else [PartialBox(seed, box, len(seed))]
         grown: list[PartialBox] = []
-        # More partial boxes than the search may examine are of no use.
-        while growing and len(growing) + len(grown) <= self._most and not self._stopped():
+        while growing and len(growing) + len(grown) <= MOST_PARTIAL_BOXES and not self._stopped():
             partial = growing.pop()
             new = self._extended(partial)
             if new is None:
@@ -200,6 +204,8 @@ class Growth:
         best = min(within_reach, key=lambda point: (*partial.trials[point].rank(), point))
         if partial.trials[best].n_links < n_links[best]:
             partial.trials[best] = self._trial(partial, positions, best)
+        if len(partial.trials[best].regions) > MOST_REGIONS:
+            return None
         return list(self._with_point(partial, best))
 
     def _trial(self, partial: PartialBox, positions: FloatArray, point: int) -> _Trial:
@@ -305,7 +311,7 @@ def solve_grown(
         if not in_one_box.pending:
             return in_one_box
     growth_share = share * (GROWTH_SHARE_ALONE if is_large else GROWTH_SHARE)
-    growth = Growth(problem, budget, growth_share)
+    growth = Growth(problem, budget.options.resolution, budget.has_passed(growth_share))
     grown = growth.run()
     if grown is None:
         return None

@@ -165,30 +165,15 @@ def _narrow_point(box: FloatArray, rows: Rows, last: int, a: int, b: int, x: int
 
 
 @kernel(inlined=True)
-def _difference(
-    along: tuple[float, float],
-    t_i: tuple[float, float],
-    t_j: tuple[float, float],
-    s: tuple[float, float],
-    across: tuple[float, float],
-) -> tuple[float, float]:
-    """Bound t_i - t_j, known to be in `along`, by (t_i - t_j)^2 = s_ij - s'_ij."""
-    low = max(along[0], down(t_i[0] - t_j[1]))
-    high = min(along[1], up(t_i[1] - t_j[0]))
-    return reverse_square(low, high, down(s[0] - across[1]), up(s[1] - across[0]))
-
-
-@kernel(inlined=True)
 def _narrow_pair(box: FloatArray, rows: Rows, x: int, y: int) -> bool:
     """Narrow s_ij and both coordinates from the reduced distance in the orthogonal space."""
     ends, across = rows.ends, rows.across
-    low, high = _difference(
-        (rows.along[LOWER, x, y], rows.along[UPPER, x, y]),
-        (ends[T_LOWER, x], ends[T_UPPER, x]),
-        (ends[T_LOWER, y], ends[T_UPPER, y]),
-        (rows.squared[LOWER, x, y], rows.squared[UPPER, x, y]),
-        (across[LOWER, x, y], across[UPPER, x, y]),
-    )
+    # t_i - t_j, whose square is s_ij - s'_ij.
+    low = max(rows.along[LOWER, x, y], down(ends[T_LOWER, x] - ends[T_UPPER, y]))
+    high = min(rows.along[UPPER, x, y], up(ends[T_UPPER, x] - ends[T_LOWER, y]))
+    least_m2 = down(rows.squared[LOWER, x, y] - across[UPPER, x, y])
+    most_m2 = up(rows.squared[UPPER, x, y] - across[LOWER, x, y])
+    low, high = reverse_square(low, high, least_m2, most_m2)
     if low > high:
         return False
     ends[T_LOWER, x] = max(ends[T_LOWER, x], down(ends[T_LOWER, y] + low))

@@ -111,16 +111,6 @@ def _set_roots(box: FloatArray, distance: FloatArray, count: int) -> None:
 
 
 @kernel
-def _branches(
-    a_low: float, a_high: float, b_low: float, b_high: float
-) -> tuple[float, float, float, float]:
-    """Bound |a - b| and a + b."""
-    near_low = max(0.0, down(a_low - b_high), down(b_low - a_high))
-    near_high = up(max(a_high - b_low, b_high - a_low))
-    return near_low, near_high, down(a_low + b_low), up(a_high + b_high)
-
-
-@kernel
 def _from_merged(
     j_low: float, j_high: float, jk_low: float, jk_high: float, side: int
 ) -> tuple[float, float]:
@@ -136,15 +126,16 @@ def _from_merged(
 
 @kernel(inlined=True)
 def _known_branches(
-    branches: tuple[float, float, float, float],
+    near: tuple[float, float],
+    far: tuple[float, float],
     ij: tuple[float, float],
     jk: tuple[float, float],
     triple: tuple[int, int, int],
     merged: int,
     sigma: NDArray[np.int8],
 ) -> tuple[float, float, float, float]:
-    """Return the remaining branches of d_ik if one of i, j, k is the merged point."""
-    near_low, near_high, far_low, far_high = branches
+    """Return what is left of |d_ij - d_jk| and d_ij + d_jk if i, j or k is the merged point."""
+    (near_low, near_high), (far_low, far_high) = near, far
     i, j, k = triple
     if j == merged:
         side = sigma[i, k]
@@ -178,10 +169,14 @@ def _restrict_through(
     """Restrict the pair in rows (x, y) by its distances from the point in row `z`."""
     ij = distance[LOWER, x, z], distance[UPPER, x, z]
     jk = distance[LOWER, z, y], distance[UPPER, z, y]
-    branches = _branches(ij[0], ij[1], jk[0], jk[1])
+    near = (
+        max(0.0, down(ij[0] - jk[1]), down(jk[0] - ij[1])),
+        up(max(ij[1] - jk[0], jk[1] - ij[0])),
+    )
+    far = down(ij[0] + jk[0]), up(ij[1] + jk[1])
     triple = points[x], points[z], points[y]
     near_low, near_high, far_low, far_high = _known_branches(
-        branches, ij, jk, triple, merged, sigma
+        near, far, ij, jk, triple, merged, sigma
     )
     if near_high >= far_low:
         # The branches overlap: together they are one interval.

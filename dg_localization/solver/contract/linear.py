@@ -22,7 +22,6 @@ from dg_localization.solver.contract.linearization import (
     Linearization,
     bound_linear_function,
     choose_axis,
-    combined_width,
     linearize,
     narrow_to_linear,
     point_errors_m,
@@ -92,12 +91,14 @@ def _narrow_all_pairs(
     n_edges = len(linear.edges)
     target = np.zeros((n_points, dimension))
     multipliers = np.empty(n_edges)
+    residual_widths = linear.residuals[:, UPPER] - linear.residuals[:, LOWER]
     edge_of = np.full((n_points, n_points), -1)
     for m in range(n_edges):
         i, j = linear.edges[m, 0], linear.edges[m, 1]
         edge_of[i, j] = edge_of[j, i] = m
     for i in range(n_points):
         for j in range(i + 1, n_points):
+            target[:] = 0.0
             for axis in range(dimension):
                 target[i, axis] = 2.0 * (linear.reference[i, axis] - linear.reference[j, axis])
                 target[j, axis] = -target[i, axis]
@@ -106,16 +107,16 @@ def _narrow_all_pairs(
             for m in range(n_edges):
                 width += abs(multipliers[m]) * errors[m]
             explained[i, j] = explained[j, i] = width
-            estimable = edge_of[i, j] < 0 or leave_out(multipliers, edge_of[i, j])
+            if edge_of[i, j] >= 0 and not leave_out(multipliers, edge_of[i, j]):
+                continue
+            width = 0.0
+            for m in range(n_edges):
+                width += abs(multipliers[m]) * residual_widths[m]
             # Except for rounding and the square of the pair, a wider combination gains nothing.
-            width = combined_width(linear, multipliers) if estimable else np.inf
             if width < box[UPPER, i, j] - box[LOWER, i, j]:
                 low, high = bound_linear_function(linear, multipliers, target)
                 if not narrow_to_linear(box, linear, i, j, low, high):
                     return False
-            for axis in range(dimension):
-                target[i, axis] = 0.0
-                target[j, axis] = 0.0
     return True
 
 

@@ -266,15 +266,6 @@ def set_residuals(box: FloatArray, linear: Linearization, relative: FloatArray) 
         residuals[m, UPPER] = up(up(box[UPPER, i, j] - at_reference_m2) - max(low, 0.0))
 
 
-@kernel(borrows=True)
-def combined_width(linear: Linearization, multipliers: FloatArray) -> float:
-    """Return the approximate width of a combination of the measured pairs by their residuals."""
-    width = 0.0
-    for m in range(len(multipliers)):
-        width += abs(multipliers[m]) * (linear.residuals[m, UPPER] - linear.residuals[m, LOWER])
-    return width
-
-
 @kernel(borrows=True, watched=True)
 def bound_linear_function(
     linear: Linearization, multipliers: FloatArray, target: FloatArray

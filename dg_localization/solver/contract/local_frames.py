@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dg_localization.interval.kernels import kernel
+from dg_localization.interval.kernels import WORK_PER_LOOK, kernel, look_after
 from dg_localization.interval.simplex import (
     LinearPrograms,
     activate_well_known,
@@ -72,6 +72,8 @@ def contract_in_frame(
     if not activate_well_known(programs):
         return True
     for _ in range(MAX_COMBINATIONS):
+        # Programs of many points take a second.
+        look_after(WORK_PER_LOOK)
         gain = _narrow_by_programs(linear, programs, relative, errors)
         if gain < 0.0:
             return False

@@ -45,7 +45,8 @@ def excess(
 ) -> FloatArray:
     """Return widths of pairs as multiples of their limits; 0 for unbounded pairs."""
     low, high = box[LOWER], np.where(box[UPPER] < np.inf, box[UPPER], box[LOWER])
-    allowed_m2 = factor * explained + resolution_m * 2.0 * np.sqrt(0.5 * low + 0.5 * high)
+    with np.errstate(over='ignore'):
+        allowed_m2 = factor * explained + resolution_m * 2.0 * np.sqrt(0.5 * low + 0.5 * high)
     times = (np.sqrt(high) - np.sqrt(low)) / resolution_m
     np.divide(high - low, allowed_m2, out=times, where=explained > 0.0)
     return times
