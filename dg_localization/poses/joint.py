@@ -35,8 +35,11 @@ Party = tuple[int, ...]
 PARTY_SIZE = 3
 """Bodies whose poses are narrowed together."""
 
-PASSES = 6
-"""Most times that linear programs narrow a box before it is halved."""
+PASSES = 3
+"""
+Most times that linear programs narrow a box before it is halved. With 6, six robots take 1.15
+times as long, and headings are at most 2 % narrower.
+"""
 
 FRUITLESS = 12
 """The search ends after this many boxes without a gain: twice as many rarely gain anything."""
