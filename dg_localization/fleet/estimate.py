@@ -310,5 +310,11 @@ class Estimate:
 
     @property
     def misfits(self) -> tuple[str, ...]:
-        """Remembered readings farther off the best points than their bounds, as sentences."""
+        """
+        Remembered readings farther off the best points than their bounds, as sentences.
+
+        Empty if a hypothesis has none: it may be the true one, and its bounds may hold.
+        """
+        if not all(place.misfits for place in self.placements):
+            return ()
         return tuple(dict.fromkeys(one for place in self.placements for one in place.misfits))

@@ -3,6 +3,7 @@
 
 """The best point: least squares over the readings, inside the hypothesis."""
 
+from dataclasses import replace
 from itertools import combinations, permutations
 import math
 
@@ -116,6 +117,10 @@ def test_a_beacon_whose_bounds_do_not_hold_is_named(is_wrong):
     ]
     assert ('ranges r - a1' in named) is is_wrong
     assert ('bounds look too narrow' in estimate.reason) is is_wrong
+    # Another hypothesis without such a reading may be the true one.
+    (placement,) = estimate.placements
+    others = placement, replace(placement, misfits=())
+    assert not replace(estimate, placements=others).misfits
 
 
 def test_a_proved_point_as_published_meets_every_range():
