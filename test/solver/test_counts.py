@@ -172,6 +172,16 @@ def test_a_piece_that_is_flat_beside_one_of_two_hypotheses():
     assert apart_m2 == {2, 26}
 
 
+def test_a_piece_that_is_flat_at_two_faces_in_one_of_its_hypotheses():
+    """Points 2, 3 and 5 are in line if 2 and 3 are 2 m apart, and not if 2.28 m."""
+    rng, positions, measured = built_case(8020477)
+    ranges, sides, found = with_more(rng, positions, placements_of(positions, measured))
+    problem = problem_of(positions, measured, ranges, sides=sides)
+    result = solve(problem, SolverOptions(resolution=0.01, max_boxes=4000))
+    assert result.n_hypotheses_is_bound
+    assert result.n_hypotheses >= len(distinct(found)) == 12
+
+
 FLAT = ((0, 0), (4, 0), (2, 0), (1, 2), (3, 2))
 ON_ONE_EDGE = ((0, 1), (0, 2), (1, 2), (0, 3), (1, 3), (0, 4), (1, 4))
 

@@ -12,6 +12,7 @@ they agree on the distances of shared points; constraints between them may rule 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -156,9 +157,11 @@ class Linker:
         at_faces = tuple(sorted({point for joint in joints for point in joint.points}))
         n_joints = {x: sum(x in joint.pieces for joint in joints) for x in members}
         between = [x for x in members if n_joints[x] > 1]
+        # Not flat, a piece is mirrored at each of its faces: one site has no sides for that.
+        n_faces = Counter(key for known in apexes for key in known)
         best = Site(joints[0].points, members, {}, is_merged=True)
         for joint, known in zip(joints, apexes, strict=True):
-            found = dict(known)
+            found = {key: apex for key, apex in known.items() if n_faces[key] == 1}
             for others in apexes:
                 for (piece, x), apex in others.items():
                     is_new = (piece, x) not in found and piece not in (*between, *joint.pieces)
