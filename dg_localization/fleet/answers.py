@@ -165,8 +165,8 @@ def answer_of(
             return Answer(Verdict.INFEASIBLE, statistics)
         verdicts.append(found.verdict)
         parts += found.groups
-        ordered = (found.rigidity, rigidity) if plan is plans.main else (rigidity, found.rigidity)
-        rigidity = ordered[0] + ordered[1]
+        # Pieces of the main part are listed first.
+        rigidity = found.rigidity + rigidity if plan is plans.main else rigidity + found.rigidity
     main = None if plans.main is None else parts.pop()
     verdict = next(verdict for verdict in _OF_ALL if verdict in verdicts)
     return Answer(verdict, statistics, tuple(parts), main, rigidity)

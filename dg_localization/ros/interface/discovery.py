@@ -55,7 +55,7 @@ class Template:
         if sorted(FIELD.findall(self.text)) != sorted(self.fields):
             wanted = ' and '.join(f'{{{name}}}' for name in self.fields)
             raise ValueError(f'it must hold {wanted} once, nothing else in braces, or be empty')
-        if '{' in FIELD.sub('', self.text) or '}' in FIELD.sub('', self.text):
+        if {'{', '}'}.intersection(FIELD.sub('', self.text)):
             raise ValueError(f"'{self.text}' has a brace without its other one")
         check_topic(FIELD.sub('name', self.text))
 

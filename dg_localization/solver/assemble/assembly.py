@@ -140,8 +140,8 @@ class Layout:
         is_new = ~np.isfinite(self.positions[members, 0])
         if not is_new.any():
             return
-        is_face = len(face) == self._dimension
         q = self._dimension
+        is_face = len(face) == q
         turn = np.eye(q) if is_face else _orthogonal(self._rng, q)
         shared = local[np.searchsorted(members, face)]
         candidates = _aligned(local[is_new], shared, self.positions[face], turn)

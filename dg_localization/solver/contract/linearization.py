@@ -102,19 +102,20 @@ def complete_frame(
     n_points, dimension = positions.shape
     arm = np.empty(dimension)
     for rank in range(dimension):
-        best = -1.0 if rank > 0 else 0.0
-        for c in range(n_points if rank > 0 else 0):
-            used = False
-            for corner in range(rank + 1):
-                used = used or frame[corner] == c
-            if used:
-                continue
-            height = _orthogonal_part(positions, frame[0], c, basis, rank, arm)
-            if height / errors[c] > best:
-                best = height / errors[c]
-                frame[rank + 1] = c
-        if best < 0.0:
-            return False
+        if rank > 0:
+            best = -1.0
+            for c in range(n_points):
+                used = False
+                for corner in range(rank + 1):
+                    used = used or frame[corner] == c
+                if used:
+                    continue
+                height = _orthogonal_part(positions, frame[0], c, basis, rank, arm)
+                if height / errors[c] > best:
+                    best = height / errors[c]
+                    frame[rank + 1] = c
+            if best < 0.0:
+                return False
         length = _orthogonal_part(positions, frame[0], frame[rank + 1], basis, rank, arm)
         for axis in range(dimension):
             basis[rank, axis] = arm[axis] / length if length > 0.0 else 0.0
