@@ -232,7 +232,7 @@ def run(phase: Phase, seconds: float) -> list[Answer]:
     with running('simulate_fleet', **phase.simulator) as simulator, localizer as node:
         end_s = began_s + FIRST_ANSWER_S
         while time.monotonic() < end_s and simulator.poll() is None and node.poll() is None:
-            if len(spectator.answers) == 1:
+            if spectator.answers:
                 end_s = min(end_s, time.monotonic() + phase.times * seconds)
             rclpy.spin_once(spectator, timeout_sec=0.1)
             if time.monotonic() - told_s >= 5.0:
