@@ -10,6 +10,7 @@ import sys
 
 import numpy as np
 import pytest
+from solver_cases import assert_same
 
 from dg_localization import Problem, SolverOptions, solve
 from dg_localization.interval.environment import default_environment, is_default
@@ -60,15 +61,14 @@ def test_another_mode_is_recognized_left_and_restored(other_mode):
 def test_the_answer_is_the_same_to_the_bit(n_points, other_mode):
     library, mode = other_mode
     problem, options = ring(n_points), SolverOptions(max_boxes=20)
-    found = solve(problem, options).hypotheses
+    found = solve(problem, options)
     assert library.fegetround() == mode
     library.fesetround(0)
-    expected = solve(problem, options).hypotheses
-    assert len(found) == len(expected) > 0
-    for one, other in zip(found, expected, strict=True):
-        assert np.array_equal(one.boxes, other.boxes)
+    expected = solve(problem, options)
+    assert found.hypotheses
+    assert_same(found, expected)
+    for one, other in zip(found.hypotheses, expected.hypotheses, strict=True):
         assert np.array_equal(one.positions, other.positions)
-        assert (one.proved, one.flexible) == (other.proved, other.flexible)
 
 
 def test_a_callback_that_changes_the_mode_is_noticed(other_mode):

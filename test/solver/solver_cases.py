@@ -81,6 +81,19 @@ def holding(hypotheses, squared, share=0.0):
     return [h for h in hypotheses if ((h.lower <= high) & (low <= h.upper)).all()]
 
 
+def assert_same(result, other, scale=1.0):
+    """
+    Assert that two answers agree to the last bit, the other one of a fleet `scale` as large.
+
+    Whether a placement is proved may depend on the size of a fleet.
+    """
+    assert result.verdict is other.verdict
+    for hypothesis, twin in zip(result.hypotheses, other.hypotheses, strict=True):
+        assert np.array_equal(scale**2 * hypothesis.boxes, twin.boxes)
+        flags = (hypothesis.proved, hypothesis.flexible), (twin.proved, twin.flexible)
+        assert scale != 1.0 or flags[0] == flags[1]
+
+
 @dataclass(frozen=True)
 class Case:
     """A problem, how to solve it, and the placement it was made from."""

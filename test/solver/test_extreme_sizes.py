@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from solver_cases import Case, covers, random_case
+from solver_cases import Case, assert_same, covers, random_case
 
 from dg_localization import Problem, SolverOptions, solve
 
@@ -46,18 +46,6 @@ def test_no_truth_is_lost(exponent):
 SEEDS = range(60)
 
 
-def cover_of(result):
-    """Return all boxes of a result, in order."""
-    return [box for hypothesis in result.hypotheses for box in hypothesis.boxes]
-
-
-def assert_same_cover(result, other, factor=1.0):
-    assert result.verdict is other.verdict
-    assert len(result.hypotheses) == len(other.hypotheses)
-    for box, other_box in zip(cover_of(result), cover_of(other), strict=True):
-        assert np.array_equal(factor * box, other_box)
-
-
 @pytest.mark.parametrize('power', [-25, 3, 30])
 def test_scaling_by_a_power_of_two_scales_every_bound_exactly(paper_fleet, power):
     scale = 2.0**power
@@ -81,7 +69,7 @@ def test_scaling_by_a_power_of_two_scales_every_bound_exactly(paper_fleet, power
             continue  # the step of a bound near zero is absolute
         other = solve(scaled, replace(options, resolution=options.resolution * scale))
         try:
-            assert_same_cover(result, other, scale**2)
+            assert_same(result, other, scale)
         except AssertionError as error:
             error.add_note(f'This was problem {index}.')
             raise

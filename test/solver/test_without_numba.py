@@ -6,21 +6,11 @@
 from functools import partial
 import os
 
-import numpy as np
 from plain_python import in_plain_python, run_python
 import pytest
-from solver_cases import random_case
+from solver_cases import assert_same, random_case
 
 from dg_localization import SolverOptions, solve
-
-
-def assert_identical(results, others):
-    for index, (result, other) in enumerate(zip(results, others, strict=True)):
-        assert result.verdict is other.verdict, index
-        assert len(result.hypotheses) == len(other.hypotheses), index
-        for hypothesis, twin in zip(result.hypotheses, other.hypotheses, strict=True):
-            assert np.array_equal(hypothesis.boxes, twin.boxes), index
-            assert (hypothesis.proved, hypothesis.flexible) == (twin.proved, twin.flexible), index
 
 
 @pytest.fixture(scope='module')
@@ -32,7 +22,8 @@ def check(questions):
     """Ask with compiled kernels and without; return the answers."""
     calls = [partial(solve, *question) for question in questions]
     plain = in_plain_python(calls)
-    assert_identical([call() for call in calls], plain)
+    for call, answer in zip(calls, plain, strict=True):
+        assert_same(call(), answer)
     return plain
 
 
