@@ -10,9 +10,9 @@ import sys
 
 import numpy as np
 import pytest
-from solver_cases import assert_same
+from solver_cases import assert_same, braced_grid
 
-from dg_localization import Problem, SolverOptions, solve
+from dg_localization import SolverOptions, solve
 from dg_localization.interval.environment import default_environment, is_default
 
 # FE_DOWNWARD, FE_UPWARD, FE_TOWARDZERO.
@@ -34,18 +34,6 @@ def other_mode(request):
     library.fesetround(before)
 
 
-def ring(n_points):
-    """Return a ring of squares, each with its diagonals; a large one is solved in threads."""
-    angles = 2.0 * np.pi * (np.arange(n_points) // 2) / (n_points // 2)
-    radii = np.where(np.arange(n_points) % 2, 10.0, 12.0)
-    x, y = radii * np.cos(angles), radii * np.sin(angles)
-    first, second = (
-        np.array([(i, j) for i in range(n_points) for j in range(i + 1, min(i + 4, n_points))])
-    ).T
-    squared = (x[first] - x[second]) ** 2 + (y[first] - y[second]) ** 2
-    return Problem.from_pairs(n_points, first, second, 0.98 * squared, 1.02 * squared)
-
-
 def test_another_mode_is_recognized_left_and_restored(other_mode):
     library, mode = other_mode
     assert not is_default()
@@ -57,10 +45,10 @@ def test_another_mode_is_recognized_left_and_restored(other_mode):
     assert library.fegetround() == mode
 
 
-@pytest.mark.parametrize('n_points', [8, 70])
-def test_the_answer_is_the_same_to_the_bit(n_points, other_mode):
+@pytest.mark.parametrize('size', [(2, 4), (8, 9)], ids=['one piece', 'patches'])
+def test_the_answer_is_the_same_to_the_bit(size, other_mode):
     library, mode = other_mode
-    problem, options = ring(n_points), SolverOptions(max_boxes=20)
+    problem, options = braced_grid(*size, 0.01)[0], SolverOptions(max_boxes=20)
     found = solve(problem, options)
     assert library.fegetround() == mode
     library.fesetround(0)
@@ -75,7 +63,7 @@ def test_a_callback_that_changes_the_mode_is_noticed(other_mode):
     library, mode = other_mode
     library.fesetround(0)
     with pytest.raises(RuntimeError, match='changed during the call'):
-        solve(ring(8), progress=lambda _: library.fesetround(mode))
+        solve(braced_grid(2, 4, 0.01)[0], progress=lambda _: library.fesetround(mode))
 
 
 @pytest.mark.skipif(platform.machine() != 'x86_64', reason='the place of MXCSR is not known here')

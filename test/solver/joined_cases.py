@@ -138,18 +138,14 @@ def _bounds(rng, squared, measured):
     )
 
 
-def holds(result, positions, squared):
+def missing(result, positions, share=0.0):
     """
-    Tell whether a factored answer holds a placement.
+    Return where in an answer a placement is missing, up to a share of the largest distance.
 
     It must lie in a hypothesis of every piece, on sides that every joint allows, within the bounds
     of the fleet, and in a whole hypothesis when all of these are listed.
     """
-    return not missing(result, positions, squared)
-
-
-def missing(result, positions, squared, share=0.0):
-    """Return where in an answer a placement is missing, up to a share of the largest distance."""
+    squared = squared_distances(positions)
     found, slack = [], share * squared.max()
     if not holding([result], squared, share):
         found.append('bounds')

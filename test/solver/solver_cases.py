@@ -58,6 +58,25 @@ def problem_of(positions, measured, ranges=(), error=1e-9, **constraints):
     return Problem(*bounds(len(squared), known), len(positions[0]), **constraints)
 
 
+def pairs_where(condition):
+    """Return the pairs of which a symmetric matrix is true."""
+    return [(i, j) for i, j in np.argwhere(np.triu(condition, 1)).tolist()]
+
+
+def braced_grid(rows, columns, error, seed=0, holes=0.0):
+    """Return a grid whose points measure the eight about them, and its placement."""
+    rng = np.random.default_rng(seed)
+    positions = np.stack(np.unravel_index(np.arange(rows * columns), (rows, columns)), axis=1)
+    positions = 5.0 * positions + rng.uniform(-1.0, 1.0, positions.shape)
+    squared = squared_distances(positions)
+    ranges = {
+        pair: (squared[pair] * (1 - error) ** 2, squared[pair] * (1 + error) ** 2)
+        for pair in pairs_where(squared < 8.5**2)
+        if rng.random() >= holes
+    }
+    return Problem(*bounds(len(positions), ranges)), positions
+
+
 def box_of(lower, upper):
     """Return the solver's box of bounds, without gaps."""
     return np.stack([lower, upper, np.zeros_like(lower), np.zeros_like(lower)])
@@ -108,6 +127,17 @@ class Case:
 
     def solve(self):
         return solve(self.problem, self.options)
+
+
+class CancelAfter:
+    """Is set after it was asked `most` times."""
+
+    def __init__(self, most):
+        self.left = most
+
+    def is_set(self):
+        self.left -= 1
+        return self.left < 0
 
 
 RESOLUTIONS = [1e-6, 1e-3, 1e-2, 0.1]

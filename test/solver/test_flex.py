@@ -6,7 +6,7 @@
 from flex import linkage
 import numpy as np
 import pytest
-from solver_cases import bounds, covers, holding, problem_of, squared_distances
+from solver_cases import bounds, covers, holding, pairs_where, problem_of, squared_distances
 
 from dg_localization import Problem, SolverOptions, Verdict, solve
 
@@ -32,16 +32,12 @@ def two_grids(width, dimension):
         shift[:2] = np.cos(angle_rad), np.sin(angle_rad)
         return np.vstack([grid, grid + (width + 3.0) * shift])
 
-    n_points = 2 * len(grid)
     squared = squared_distances(placed(0.0))
     measured = squared < 2.5
     measured[: len(grid), len(grid) :] = measured[len(grid) :, : len(grid)] = False
     for x in held:
         measured[x, x + len(grid)] = measured[x + len(grid), x] = True
-    upper = np.where(measured, squared * (1 + 1e-9), np.inf)
-    np.fill_diagonal(upper, 0.0)
-    assert len(upper) == n_points
-    return Problem(np.where(measured, squared * (1 - 1e-9), 0.0), upper, dimension), placed
+    return problem_of(placed(0.0), pairs_where(measured)), placed
 
 
 @pytest.mark.parametrize(('width', 'dimension'), [(2, 2), (3, 2), (9, 2), (10, 2), (2, 3)])

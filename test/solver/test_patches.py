@@ -6,26 +6,12 @@
 from joined_cases import check_counts, missing, solve_as_one
 import numpy as np
 import pytest
-from solver_cases import bounds, holding, squared_distances
+from solver_cases import bounds, braced_grid, holding, squared_distances
 
 from benchmarks.large import fleet
 from benchmarks.pieces import neighbors, uwb_fleet
 from dg_localization import Problem, SolverOptions, Verdict, solve
 from dg_localization.solver.patches.chains import ChainGraph
-
-
-def braced_grid(rows, columns, error, seed=0, holes=0.0):
-    """Return a grid whose points measure the eight about them, and its placement."""
-    rng = np.random.default_rng(seed)
-    positions = np.stack(np.unravel_index(np.arange(rows * columns), (rows, columns)), axis=1)
-    positions = 5.0 * positions + rng.uniform(-1.0, 1.0, positions.shape)
-    squared = squared_distances(positions)
-    ranges = {
-        (i, j): (squared[i, j] * (1 - error) ** 2, squared[i, j] * (1 + error) ** 2)
-        for i, j in np.argwhere(np.triu(squared < 8.5**2, 1)).tolist()
-        if rng.random() >= holes
-    }
-    return Problem(*bounds(len(positions), ranges)), positions
 
 
 def all_parts_hold(result, squared):
@@ -74,7 +60,7 @@ def test_a_grid_with_holes_keeps_the_truth(seed, error, answer):
     done = result.statistics
     assert done.processed == done.empty + done.split + done.kept
     assert (result.verdict is Verdict.OUT_OF_BUDGET) == (done.pending > 0)
-    assert answer is solve_as_one or not missing(result, positions, squared)
+    assert answer is solve_as_one or not missing(result, positions)
     assert all_parts_hold(result, squared)
 
 
@@ -109,17 +95,6 @@ def test_chains_bound_far_pairs_from_above_and_near_ones_from_below():
         assert (of_some == bound[np.ix_(repeated, repeated)]).all()
 
 
-class CancelAfter:
-    """Is set after it was asked `most` times."""
-
-    def __init__(self, most):
-        self.left = most
-
-    def is_set(self):
-        self.left -= 1
-        return self.left < 0
-
-
 @pytest.mark.parametrize(('degree', 'seed', 'n_hypotheses'), [(5, 110, 16), (6, 165, 48)])
 def test_bodies_of_wide_distances_are_not_split_in_the_middle(degree, seed, n_hypotheses):
     """Both took 650 to 700 boxes, and had as many hypotheses."""
@@ -127,7 +102,7 @@ def test_bodies_of_wide_distances_are_not_split_in_the_middle(degree, seed, n_hy
     result = solve(uwb_fleet(30, degree, seed), SolverOptions(max_boxes=10**4))
     assert result.verdict is Verdict.COVERED and result.statistics.processed < 300
     assert max(len(piece.hypotheses) for piece in result.pieces) == n_hypotheses
-    assert not missing(result, positions, squared_distances(positions))
+    assert not missing(result, positions)
 
 
 def test_what_is_proved_of_a_large_piece_lies_within_the_boxes():

@@ -5,7 +5,7 @@
 
 from itertools import combinations
 
-from joined_cases import holds
+from joined_cases import missing
 import numpy as np
 import pytest
 from solver_cases import problem_of, squared_distances
@@ -44,7 +44,7 @@ def test_every_turn_of_a_hinge_is_in_the_answer(angle_rad, mirrored):
     turned = TWO_FOURS_M.copy()
     arms = (turned[3:] - turned[3]) * ([1.0, -1.0] if mirrored else 1.0)
     turned[3:] = turned[3] + arms @ turn
-    assert holds(result, turned, squared_distances(turned))
+    assert not missing(result, turned)
 
 
 def test_a_least_distance_that_no_fold_reaches_is_a_contradiction():
@@ -80,7 +80,7 @@ def test_a_hard_piece_leaves_the_others_their_answers(max_boxes):
     assert result.verdict is Verdict.OUT_OF_BUDGET
     assert result.statistics.processed <= max_boxes
     assert result.statistics.pending > 0
-    assert holds(result, positions, squared_distances(positions))
+    assert not missing(result, positions)
     easy = next(piece for piece in result.pieces if piece.points == (6, 7, 8, 9))
     if max_boxes > 1:
         (hypothesis,) = easy.hypotheses

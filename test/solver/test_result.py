@@ -8,7 +8,14 @@ from fractions import Fraction
 from joined_cases import check_counts, solve_as_one
 import numpy as np
 import pytest
-from solver_cases import bounds, covers, holding, orientation, squared_distances
+from solver_cases import (
+    bounds,
+    covers,
+    holding,
+    orientation,
+    pairs_where,
+    squared_distances,
+)
 
 from dg_localization import Chirality, Problem, Side, SideConstraint, SolverOptions, Verdict, solve
 from dg_localization.solver.place.existence import NEARNESS
@@ -157,16 +164,13 @@ def test_disconnected_groups_stay_unbounded():
 def test_exact_pairs_beside_wide_ones_do_not_make_a_patch_flexible():
     rng = np.random.default_rng(0)
     n_points = 12
-    squared = squared_distances(rng.uniform(0.0, 0.5, (n_points, 3)))
-    lower, upper = np.zeros_like(squared), np.full_like(squared, np.inf)
-    np.fill_diagonal(upper, 0.0)
-    pairs = np.argwhere(np.triu(np.ones_like(squared), 1))
-    for number, (i, j) in enumerate(rng.permutation(pairs)[:53]):
+    apart_m = np.sqrt(squared_distances(rng.uniform(0.0, 0.5, (n_points, 3))))
+    ranges = {}
+    for number, (i, j) in enumerate(rng.permutation(pairs_where(apart_m > 0.0))[:53].tolist()):
         error_m = 0.05 if number >= 15 else 1e-12
-        distance_m = np.sqrt(squared[i, j])
-        lower[i, j] = lower[j, i] = max(0.0, distance_m - error_m) ** 2
-        upper[i, j] = upper[j, i] = (distance_m + error_m) ** 2
-    result = solve(Problem(lower, upper, 3), SolverOptions(resolution=0.01, max_boxes=20))
+        ranges[i, j] = max(0.0, apart_m[i, j] - error_m) ** 2, (apart_m[i, j] + error_m) ** 2
+    problem = Problem(*bounds(n_points, ranges), 3)
+    result = solve(problem, SolverOptions(resolution=0.01, max_boxes=20))
     assert result.verdict is Verdict.COVERED
     assert len(result.hypotheses) == result.statistics.kept == 1
 
@@ -193,10 +197,8 @@ def test_a_wide_triangle_takes_one_box_whose_ends_are_all_placements(dimension):
 
 def test_three_points_on_a_line_are_told_apart():
     """What the triangle inequalities allow is not all of it there: one of them is an equation."""
-    lower, upper = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 1.0], [0.0, 1.0, 0.0]]), np.ones((3, 3))
-    np.fill_diagonal(upper, 0.0)
-    upper[0, 2] = upper[2, 0] = 9.0
-    result = solve(Problem(lower, upper, dimension=1))
+    ranges = {(0, 1): (1.0, 1.0), (1, 2): (1.0, 1.0), (0, 2): (0.0, 9.0)}
+    result = solve(Problem(*bounds(3, ranges), dimension=1))
     assert result.verdict is Verdict.COVERED
     widths_m2 = [(h.upper - h.lower).max() for h in result.hypotheses]
     assert len(widths_m2) == 2 and max(widths_m2) < 1e-3
