@@ -780,7 +780,7 @@ FLEET = [
     *_in(
         'fleet',
         'constraints/rays',
-        ('test/fleet/test_constraints.py',),
+        ('test/fleet/test_constraints.py', *SOUND),
         (
             'the turn of a line by a displacement is halved',
             'return arcsine_up(quotient_up(displacement_m, d_lower_m))',
@@ -810,7 +810,7 @@ FLEET = [
     *_in(
         'fleet',
         'constraints/rays',
-        ('test/fleet/test_constraints.py',),
+        ('test/fleet/test_constraints.py', *SOUND),
         (
             'a sign counts although it is in doubt',
             '(self.half_widths_rad < low) & (high < math.pi)',
@@ -845,7 +845,7 @@ FLEET = [
     *_in(
         'fleet',
         'rotations',
-        ('test/fleet/test_headings.py',),
+        SOUND,
         (
             'the half width of a heading leaves out one side',
             'angle_up(half_rad + abs(off_rad))',

@@ -5,6 +5,7 @@
 
 import numpy as np
 import pytest
+from shapes import turn
 
 from dg_localization.calibration.bounds import Choice
 from dg_localization.calibration.odometry import fit_odometry, odometry_windows
@@ -105,17 +106,9 @@ def test_a_pause_repeats_no_window_and_is_in_none():
 def test_in_space_turns_are_those_of_the_whole_body(upright):
     """A body that rolls: its odometry states the roll with an error of 0.1 rad."""
     stamps = np.arange(0.0, 10.0, 0.05)
-    roll = 0.5 * np.sin(stamps)
-    half = np.zeros((len(stamps), 4))
-    half[:, 0], half[:, 3] = np.sin(roll / 2.0), np.cos(roll / 2.0)
-    truth = TrueTrack(stamps, np.zeros((len(stamps), 3)), half)
-    stated = roll + 0.1 * np.cos(7.0 * stamps)
-    turns = np.zeros((len(stamps), 3, 3))
-    turns[:, 0, 0] = 1.0
-    turns[:, 1, 1] = turns[:, 2, 2] = np.cos(stated)
-    turns[:, 2, 1] = np.sin(stated)
-    turns[:, 1, 2] = -turns[:, 2, 1]
-    still = np.zeros((len(stamps), 3))
+    roll, still = 0.5 * np.sin(stamps), np.zeros((len(stamps), 3))
+    truth = TrueTrack(stamps, still, [quaternion_of_euler(angle, 0.0, 0.0) for angle in roll])
+    turns = np.array([turn(0, angle) for angle in roll + 0.1 * np.cos(7.0 * stamps)])
     windows = odometry_windows(stamps, still, turns, truth, dimension=3, upright=upright)
     # How far it rolls counts; where errors of roll are not stated otherwise, so do they.
     assert windows.turn_rad.max() > 1.0

@@ -72,18 +72,6 @@ def test_wrong_stamps_are_rejected_for_every_kind(localizer, stamp_s, reason):
     assert localizer.snapshot(NOW_S).keys == ()
 
 
-def test_unknown_and_equal_names_are_rejected(localizer):
-    for rejection in (
-        localizer.add_range('a', 'z', 1.0, NOW_S, NOW_S),
-        localizer.add_bearing('z', 'a', [1.0, 0.0, 0.0], NOW_S, NOW_S),
-        localizer.add_odometry('z', [0.0, 0.0, 0.0], UPRIGHT, NOW_S, NOW_S),
-    ):
-        assert rejection.reason is RejectionReason.UNKNOWN_ROBOT
-        assert "'z'" in rejection.text
-    same = localizer.add_range('a', 'a', 1.0, NOW_S, NOW_S)
-    assert same.reason is RejectionReason.SAME_ROBOT
-
-
 @pytest.mark.parametrize(('observer', 'target'), [('a', 'a/cam'), ('a/cam', 'a/left')])
 def test_points_of_one_robot_measure_nothing_of_each_other(observer, target):
     mounts = {'a': {'cam': (0.3, 0.2), 'left': (0.3, -0.2)}}

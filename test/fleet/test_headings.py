@@ -7,10 +7,10 @@ import math
 
 import numpy as np
 import pytest
-from shapes import angle_of, rotation_about, turn
+from shapes import angle_of, rotation_about
 
-from dg_localization.fleet.frames.headings import estimate_heading, heading_within
-from dg_localization.fleet.rotations import rotation_of_quaternion, yaw_of
+from dg_localization.fleet.frames.headings import estimate_heading
+from dg_localization.fleet.rotations import rotation_of_quaternion
 from dg_localization.fleet.vocabulary import LinkKey, LinkKind, RayReading
 from dg_localization.interval.arrays import Interval
 
@@ -49,13 +49,3 @@ def test_the_true_heading_is_within_the_half_width(q, size_m):
             wrong = rotation_of_quaternion(found.orientation_xyzw).T @ heading
             assert angle_of(wrong) <= found.half_width_rad + 1e-9
     assert known > 100
-
-
-@pytest.mark.parametrize('arc_rad', [(-3.0, 3.0), (0.5, 6.0), (-1.0, 0.0)])
-def test_an_arc_is_within_the_half_width_which_is_at_most_half_a_turn(arc_rad):
-    for fitted_rad in np.linspace(-3.1, 3.1, 9):
-        heading = heading_within(None, arc_rad, turn(2, fitted_rad))
-        assert heading.half_width_rad <= math.pi
-        for true_rad in np.linspace(*arc_rad, 50):
-            off_rad = math.remainder(true_rad - yaw_of(heading.orientation_xyzw), math.tau)
-            assert abs(off_rad) <= heading.half_width_rad + 1e-12

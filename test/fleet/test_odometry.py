@@ -275,13 +275,10 @@ def test_a_late_stamp_leaves_all_that_lies_between_the_samples_around_it():
 def test_between_two_samples_the_errors_of_the_step_count():
     """A robot that turns on the spot, as its odometry says, goes and turns by its errors."""
     error = OdometryErrorModel(translation_per_rad=0.1, rotation_per_rad=0.5, max_gap_s=math.inf)
-    c, s = np.cos(0.2), np.sin(0.2)
-    turned = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    path = OdometryPath([0.0, 1.0], np.zeros((2, 3)), np.array([np.eye(3), turned]), error)
+    path = OdometryPath([0.0, 1.0], np.zeros((2, 3)), [np.eye(3), attitude(0.2)], error)
     # It goes 0.02 m along x and turns by 0.3 rad, evenly.
     past = path.past_poses([0.6], 1.0)
-    c, s = np.cos(0.3), np.sin(0.3)
-    true_m = 0.4 * 0.0199 * np.array([-c, s])
+    true_m = 0.4 * 0.0199 * np.array([-np.cos(0.3), np.sin(0.3)])
     assert np.all(past.position_m.lower[0, :2] <= true_m)
     assert np.all(true_m <= past.position_m.upper[0, :2])
     assert past.yaw_rad.lower[0] <= -0.4 * 0.2999 <= past.yaw_rad.upper[0]

@@ -10,30 +10,18 @@ import re
 import numpy as np
 import pytest
 from sensing import add_odometry, add_ranges, new_localizer
+from test_pieces import TWO_FOURS_M, strip_m
 
 from dg_localization import Verdict
 
 NOW_S = 10.0
-TWO_FOURS = {
-    'r1': (0.0, 0.0),
-    'r2': (5.0, 1.0),
-    'r3': (1.0, 4.0),
-    'r4': (6.0, 6.0),
-    'r5': (10.0, 2.0),
-    'r6': (9.0, 9.0),
-    'r7': (4.0, 11.0),
-}
+TWO_FOURS = {f'r{k}': place_m for k, place_m in enumerate(TWO_FOURS_M, 1)}
 FOURS = ('r1 r2 r3 r4', 'r4 r5 r6 r7')
 
 
 def within(*bodies):
     """Return all pairs of some sets of points."""
-    return [
-        (first, second)
-        for body in (body.split() for body in bodies)
-        for i, first in enumerate(body)
-        for second in body[i + 1 :]
-    ]
+    return [pair for body in bodies for pair in combinations(body.split(), 2)]
 
 
 def localizer_of(places, pairs, **settings):
@@ -53,12 +41,8 @@ def localizer_of(places, pairs, **settings):
 
 def strip(length):
     """Return the corners of a strip of fours, two by two, and the pairs within the fours."""
-    rng = np.random.default_rng(1)
-    names = [f's{k}' for k in range(2 * length + 2)]
-    places = {
-        name: (4.0 * (k // 2) + rng.uniform(-0.5, 0.5), 3.0 * (k % 2) + rng.uniform(-0.5, 0.5))
-        for k, name in enumerate(names)
-    }
+    places = {f's{k}': place_m for k, place_m in enumerate(strip_m(length))}
+    names = [*places]
     fours = [' '.join(names[2 * k : 2 * k + 4]) for k in range(length)]
     return places, sorted(set(within(*fours)))
 

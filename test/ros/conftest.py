@@ -47,6 +47,7 @@ from msg_adapters import (  # noqa: E402
     RangeReading,
     adapter_for,
     register,
+    registry,
 )
 
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -457,17 +458,14 @@ def make_node(bench):
 
 
 @pytest.fixture
-def adapt():
+def adapt(monkeypatch):
     """Have messages of a type read by another function for the time of a test."""
-    usual = {}
+    monkeypatch.setattr(registry, '_adapters', dict(registry._adapters))
 
     def adapt(type_name, from_message):
-        usual.setdefault(type_name, adapter_for(type_name))
-        register(replace(usual[type_name], from_message=from_message))
+        register(replace(adapter_for(type_name), from_message=from_message))
 
-    yield adapt
-    for adapter in usual.values():
-        register(adapter)
+    return adapt
 
 
 @pytest.fixture

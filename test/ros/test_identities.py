@@ -27,7 +27,6 @@ from msg_adapters import (
     PixelReading,
     adapter_for,
     register,
-    registry,
 )
 
 NOW_S = 10.0
@@ -39,9 +38,8 @@ CAMERA = CameraReading(NOW_S, 'eye', (100.0, 100.0), (50.0, 50.0))
 
 
 @pytest.fixture(autouse=True)
-def text_messages(monkeypatch):
+def text_messages(adapt):
     """Have texts read by another function; the adapters are as before after the test."""
-    monkeypatch.setattr(registry, '_adapters', dict(registry._adapters))
 
     def read(value_class, from_message):
         register(Adapter(TEXT, value_class, from_message, str))

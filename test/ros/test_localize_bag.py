@@ -104,7 +104,7 @@ def test_start_and_duration_choose_the_ticks(localize, triangle_bag):
 
 def test_a_contradiction_is_reported_with_its_time(localize, recorder, capsys):
     recorder.write_triangle(range(10))
-    recorder.write_triangle(range(10, 20), {('a', 'b'): 3.0, ('a', 'c'): 9.0, ('b', 'c'): 5.0})
+    recorder.write_triangle(range(10, 20), {**TRIANGLE, ('a', 'c'): 9.0})
     recorder.write_triangle(range(20, 41))
     code, report = localize(recorder.close())
     assert code == 0
@@ -320,13 +320,7 @@ def test_an_error_keeps_the_answers_before_it(localize, triangle_bag, monkeypatc
 
 
 def test_the_report_says_when_the_budget_ended_the_search(localize, recorder, capsys):
-    ranges_m = {
-        ('a', 'b'): 3.0,
-        ('a', 'c'): 4.0,
-        ('b', 'c'): 5.0,
-        ('b', 'd'): 3.0,
-        ('c', 'd'): 4.0,
-    }
+    ranges_m = {**TRIANGLE, ('b', 'd'): 3.0, ('c', 'd'): 4.0}
     recorder.write_triangle(range(11), ranges_m)
     given = {'robots': ['a', 'b', 'c', 'd'], 'solver__max_boxes': 1}
     code, report = localize(recorder.close(), **given)

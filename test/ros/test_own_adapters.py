@@ -13,7 +13,7 @@ from std_msgs.msg import Float32
 
 from dg_localization.ros.interface.parameters.settings import check_values, settings_from
 from dg_localization.ros.interface.parameters.spec import WrongParameterError
-from msg_adapters import adapter_for, registry
+from msg_adapters import adapter_for
 
 PAGE = Path(__file__).parents[2] / 'docs/sensors.md'
 CENTIMETRES = {'/tag_a/to_b': 300.0, '/tag_a/to_c': 400.0, '/tag_b/to_c': 500.0}
@@ -46,8 +46,8 @@ def test_example_of_the_readme_localizes(bench, start_localizer, tmp_path, monke
     assert sorted(positions_m[:, 2, 1]) == pytest.approx([-4.0, 4.0], abs=0.6)
 
 
-def test_example_with_ids_names_observer_and_target(monkeypatch):
-    monkeypatch.setattr(registry, '_adapters', dict(registry._adapters))
+@pytest.mark.usefixtures('adapt')
+def test_example_with_ids_names_observer_and_target():
     exec(compile(example('python', 'IdentifiedReading'), PAGE.name, 'exec'), {})
     header = SimpleNamespace(stamp=SimpleNamespace(sec=5, nanosec=500_000_000))
     message = SimpleNamespace(header=header, from_id=10, to_id=20, distance_mm=3250)
