@@ -92,6 +92,7 @@ CASES = {
     'ranges-latency': Case(rays=False, latency_s=0.15),
     'ranges-sparse': Case(rays=False, per_round=1, round_s=0.5, anchors=4),
     'ranges-drift': Case(rays=False, odometry=0.15),
+    'ranges-coarse': Case(rays=False, range_m=0.5, odometry=0.3, anchors=3, per_round=1),
     'ranges-silence': Case(rays=False, silent_s=2.0),
     'silence': Case(silent_s=2.0),
     'silence-sparse': Case(silent_s=4.0, per_round=1, round_s=1.0),

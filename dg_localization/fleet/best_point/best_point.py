@@ -12,10 +12,9 @@ between them that agrees is returned.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 import math
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -140,7 +139,6 @@ class BestPointFinder:
         enclosure: Interval,
         among: tuple[FloatArray, FloatArray] | None = None,
         past: Past | None = None,
-        yaws_rad: Mapping[int, float] = MappingProxyType({}),
     ) -> BestPoint:
         """Return the best point of a hypothesis, or the start if no effort is left."""
         problem = self._problem
@@ -150,21 +148,21 @@ class BestPointFinder:
             rotations = np.tile(np.eye(3), (len(start_m), 1, 1))
             unknown = np.full((len(start_m), 6, 6), np.nan)
             return BestPoint(start_m, agrees(problem, start_m), rotations, unknown, math.inf)
-        bodies = self._bodies(start_m, enclosure)
+        bodies = self.start_of(start_m, enclosure)
         self._effort += int(bodies.free.sum()) ** 3
         misfits: tuple[Misfit, ...] = ()
         if past is None:
             spread, terms = None, self._terms
             has_more = among is None and len(start_m) <= MOST_BODIES
             starts = _starts(start_m, enclosure) if has_more else [start_m]
-            fits = [fit_terms(terms, self._bodies(one_m, enclosure)) for one_m in starts]
+            fits = [fit_terms(terms, self.start_of(one_m, enclosure)) for one_m in starts]
             fit = fits[0]
             for other in fits[1:]:
                 gain = fit.cost - other.cost
                 fit = other if gain > CLEAR_GAIN * max(1.0, fit.cost) else fit
         else:
             terms = past.terms
-            bodies = self._with_past(past, bodies, yaws_rad)
+            bodies = self._with_past(past, bodies)
             fit = fit_terms(terms, fit_terms(terms, bodies).bodies, robust=True)
             residuals = past.residuals(fit)
             spread, misfits = past.spread(fit, residuals), tuple(past.misfits(fit, residuals))
@@ -184,21 +182,15 @@ class BestPointFinder:
         positions_m = positions_m[:, : enclosure.lower.shape[1]]
         return np.asarray(np.clip(positions_m, enclosure.lower, enclosure.upper))
 
-    def _with_past(self, past: Past, bodies: Bodies, yaws_rad: Mapping[int, float]) -> Bodies:
+    def _with_past(self, past: Past, bodies: Bodies) -> Bodies:
         """Return the start of a fit with past poses: the start of the moment, carried back."""
         positions_m, rotations = bodies.positions_m.copy(), bodies.rotations.copy()
         free = bodies.free.copy()
         for row in {*past.rows.tolist()} - {*self._held}:
             free[row, 5] = True
-            if row in self.turning:
-                continue
-            if row not in past.guesses:
-                yaw_rad = yaws_rad[row]
-            else:
-                x, y, yaw_rad = past.guesses[row]
-                guess_m = np.clip([x, y, 0.0], bodies.lower_m[row], bodies.upper_m[row])
+            if row in past.guesses:
+                guess_m, rotations[row] = past.guesses[row]
                 positions_m[row] = np.where(free[row, :3], guess_m, positions_m[row])
-            rotations[row] = rotations_about_z(np.array([yaw_rad]))[0]
         turns = rotations[past.rows]
         arms_m = _in_space(past.poses[:, :2])
         unbounded = np.full((len(arms_m), 3), math.inf)
@@ -211,7 +203,7 @@ class BestPointFinder:
             np.vstack([free, np.tile([True, True, False, False, False, True], (len(arms_m), 1))]),
         )
 
-    def _bodies(self, start_m: FloatArray, enclosure: Interval) -> Bodies:
+    def start_of(self, start_m: FloatArray, enclosure: Interval) -> Bodies:
         """Return the start of a fit and its bounds."""
         n_points, dimension = start_m.shape
         free = np.zeros((n_points, 6), dtype=bool)

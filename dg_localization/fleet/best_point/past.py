@@ -13,14 +13,20 @@ error of the odometry is shared by all bodies before it.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.best_point.least_squares import Fit, equations_at, residuals_of
+from dg_localization.fleet.best_point.least_squares import (
+    Bodies,
+    Fit,
+    equations_at,
+    fit_terms,
+    residuals_of,
+)
 from dg_localization.fleet.best_point.stated_way import VARIANTS, StatedWay, directions, packed
 from dg_localization.fleet.best_point.terms import (
     AT_ORIGIN,
@@ -32,12 +38,14 @@ from dg_localization.fleet.best_point.terms import (
     Terms,
 )
 from dg_localization.fleet.constraints.constrain import Constraints
-from dg_localization.fleet.rotations import best_rotation
+from dg_localization.fleet.rotations import rotation_angle_rad, rotations_about_z
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.window.memory import Ends, Table
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+Guess = tuple[FloatArray, FloatArray]
+"""The position (3,) and the rotation (3, 3) of a robot at which a fit starts."""
 
 LONGEST_S = 30.0
 """Older readings carry little information, since odometry drifts."""
@@ -45,9 +53,10 @@ LONGEST_S = 30.0
 SPACING_S = 3.0
 """Least time between two bodies of a robot."""
 
-GUESS_ROUNDS = 5
-GUESS_SCALE_M = 0.5
-"""Landmarks farther off than this count less in the guess of a pose."""
+START_YAWS_RAD = (0.0, 0.5 * math.pi, math.pi, 1.5 * math.pi)
+SAME_RAD, DOUBTFUL_COST = 0.5, 3.0
+"""A guess is doubtful if the fit at another rotation costs less than this more (in squared half
+widths; three squared half widths are nine squared deviations)."""
 
 GREATEST_OFF, MEAN_OFF, FEW = 2.0, 1.05, 8
 """Bounds count as violated if one residual exceeds the first, in half widths, or if the root mean
@@ -89,8 +98,8 @@ class Past:
         The robot of each past pose.
     poses : numpy.ndarray, shape (k, 3)
         x, y and yaw of each, relative to the pose of its robot now, as odometry states them.
-    guesses : mapping of int to numpy.ndarray, shape (3,)
-        By row, poses of robots now that fit their sights of landmarks to the map.
+    guesses : mapping of int to Guess
+        By row, poses of robots now that fit their readings of anchors.
     ends : frozenset of (str, str)
         Observers and targets of the readings in the terms.
     ways : tuple of Terms
@@ -105,7 +114,7 @@ class Past:
     terms: Terms
     rows: IntArray
     poses: FloatArray
-    guesses: Mapping[int, FloatArray]
+    guesses: Mapping[int, Guess]
     ends: frozenset[Ends]
     ways: tuple[Terms, ...]
     constants: tuple[tuple[float, float], ...]
@@ -182,12 +191,20 @@ def _of_readings(terms: Terms, residuals: FloatArray) -> FloatArray:
     return np.where(np.isin(terms.kinds, (RANGE, RAY)), residuals, 0.0)
 
 
-def past_of(snapshot: Snapshot, solved: Constraints, turning: Collection[int]) -> Past | None:
+def past_of(
+    snapshot: Snapshot,
+    solved: Constraints,
+    start: Bodies,
+    turning: Collection[int],
+    yaws_rad: Mapping[int, float],
+) -> Past | None:
     """
     Return the past of the points that are placed together; None if the window has no use.
 
-    `turning` are the rows of the robots whose rotation is known or fitted to readings of now.
-    Rotations of other robots are guessed from landmarks; without them their readings are left out.
+    `start` is the start of a fit to the moment. `turning` are the rows of the robots whose
+    rotation is known or fitted to readings of now. Poses of other robots are guessed from readings
+    of anchors, with a start at `yaws_rad` where known; without a guess their readings are left
+    out.
     """
     config, rows, odometry = snapshot.config, solved.rows, snapshot.motion.odometry
     if config.dimension != 2 or not snapshot.window.observations:
@@ -207,12 +224,14 @@ def past_of(snapshot: Snapshot, solved: Constraints, turning: Collection[int]) -
     oldest_s = snapshot.stamp_s - span_s
     ways = {robot: StatedWay(snapshot, robot, oldest_s, rows[robot]) for robot in moving}
     table = _readings(snapshot, solved, ways)
-    places_m = np.full((len(solved.points), 2), np.nan)
-    for point, box in snapshot.anchors.boxes.items():
-        if config.points[point] in rows:
-            places_m[rows[config.points[point]]] = 0.5 * (box.lower + box.upper)
-    laid = {way.row: _laid_on_map(way, table, places_m) for way in ways.values()}
-    guesses = {row: pose for row, pose in laid.items() if pose is not None}
+    is_moving = np.isin(table[:, :2], [way.row for way in ways.values()])
+    of_anchors = table[~is_moving.all(axis=1)]
+    guesses = {}
+    for way in ways.values():
+        if way.row not in turning:
+            guess = _laid_on_map(way, of_anchors, start, yaws_rad.get(way.row))
+            if guess is not None:
+                guesses[way.row] = guess
     known = [way for way in ways.values() if way.row in turning or way.row in guesses]
     left_out = [way.row for way in ways.values() if way not in known]
     table = table[~np.isin(table[:, :2], left_out).any(axis=1)]
@@ -348,27 +367,30 @@ def _points_on(poses: FloatArray, arms_m: FloatArray) -> FloatArray:
     return poses[..., :2] + np.stack([c * x - s * y, s * x + c * y], axis=-1)
 
 
-def _laid_on_map(way: StatedWay, table: FloatArray, places_m: FloatArray) -> FloatArray | None:
+def _laid_on_map(
+    way: StatedWay, readings: FloatArray, start: Bodies, yaw_rad: float | None
+) -> Guess | None:
     """
-    Return the pose (x, y, yaw) that registers the landmarks that a robot saw to the map.
+    Return the position and rotation of a robot that fit its readings of anchors best.
 
-    Landmarks that are off are weighted down in every round, so that a few misread ones do not
-    matter. Return None if fewer than two are known.
+    Its way is rigid here. A fit starts at the yaw, or at a few if that is unknown. Return None if
+    another rotation fits nearly as well.
     """
-    own = table[table[:, 0] == way.row]
-    poses, true_m = way.poses_now(own[:, 2]), places_m[own[:, 1].astype(int)]
-    seen_m = _points_on(poses, own[:, 7:9])
-    seen_m += own[:, 3:4] * directions(poses[:, 2] + own[:, 5])[:, :2]
-    known = np.isfinite(seen_m).all(axis=1) & np.isfinite(true_m).all(axis=1)
-    seen_m, true_m = seen_m[known], true_m[known]
-    if len(np.unique(true_m, axis=0)) < 2:
-        return None
-    weights = np.ones(len(seen_m))
-    for _ in range(GUESS_ROUNDS):
-        shares = weights / weights.sum()
-        seen_middle_m, true_middle_m = shares @ seen_m, shares @ true_m
-        turn = best_rotation(seen_m - seen_middle_m, true_m - true_middle_m, shares)
-        origin_m = true_middle_m - turn @ seen_middle_m
-        off_m = np.linalg.norm(seen_m @ turn.T + origin_m - true_m, axis=1)
-        weights = 1.0 / (1.0 + (off_m / GUESS_SCALE_M) ** 2)
-    return np.array([*origin_m, math.atan2(turn[1, 0], turn[0, 0])])
+    own = readings[(readings[:, :2] == way.row).any(axis=1)]
+    way.place_bodies(way.row, 0)
+    terms = Terms.joined(_packed(own, _ends(own, [way]))).variant(0)
+    free = np.zeros_like(start.free)
+    free[way.row, [0, 1, 5]] = True
+    fits = []
+    for turn in rotations_about_z(np.array(START_YAWS_RAD if yaw_rad is None else [yaw_rad])):
+        rotations = start.rotations.copy()
+        rotations[way.row] = turn
+        turned = replace(start, rotations=rotations, free=free)
+        fits.append(fit_terms(terms, turned, robust=True))
+    best = min(fits, key=lambda fit: fit.cost)
+    rotation = best.bodies.rotations[way.row]
+    for fit in fits:
+        apart_rad = rotation_angle_rad(rotation.T @ fit.bodies.rotations[way.row])
+        if apart_rad > SAME_RAD and fit.cost < best.cost + DOUBTFUL_COST:
+            return None
+    return best.bodies.positions_m[way.row], rotation

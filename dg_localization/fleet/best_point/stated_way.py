@@ -77,9 +77,7 @@ class StatedWay:
         The poses of all variants have the shape (v, m, 3). The last array, shape (m, 2), is the
         uncertainty from silent odometry, in m and rad.
         """
-        spacing_s = self.times_s[0] - self.times_s[1]
-        nearest = np.rint((self.times_s[0] - stamps_s) / spacing_s).astype(int)
-        nearest = np.clip(nearest, 0, len(self.times_s) - 1)
+        nearest = np.abs(self.times_s[:, None] - stamps_s).argmin(axis=0)
         unknown = self._unknown_motion(stamps_s, self.times_s[nearest])
         poses = seen_from(self._poses_of_bodies[:, nearest], self._poses(stamps_s))
         return self._bodies[nearest], poses, unknown.T

@@ -63,10 +63,10 @@ def fit_with_past(
     """
     Return a placement in the plane with the best point by readings of the moment and the window.
 
-    Past readings of a robot count if its rotation is known: fitted to rays, or by its sensors or
-    the window. `constraints` are the constraints of all points of the fleet, `alone` the plans
-    with one hypothesis. The placement is unchanged if the window holds nothing that a fit could
-    use and robots are measured now.
+    Past readings of a robot count if its rotation is known by rays, its sensors or the window, or
+    can be guessed from anchors. `constraints` are the constraints of all points of the fleet,
+    `alone` the plans with one hypothesis. The placement is unchanged if the window holds nothing
+    that a fit could use and robots are measured now.
     """
     if snapshot.config.dimension != 2 or placement.dropped:
         return placement
@@ -78,7 +78,10 @@ def fit_with_past(
         if point < n_robots and placement.heading_known[point]
     }
     finder = finder_of(snapshot, solved, plan)
-    past = past_of(snapshot, solved, {*plan.held, *finder.turning, *yaws_rad})
+    places_m, boxes_m = _places_of_all(snapshot, placement)
+    enclosure = Interval(boxes_m[points, 0], boxes_m[points, 1])
+    start = finder.start_of(places_m[points], enclosure)
+    past = past_of(snapshot, solved, start, {*plan.held, *finder.turning}, yaws_rad)
     if past is None:
         by_sets_alone = not snapshot.keys and plan.frame.kind is FrameKind.ANCHORS
         return _in_the_middle(placement) if by_sets_alone else placement
@@ -89,9 +92,7 @@ def fit_with_past(
     in_past = frozenset(key for key in snapshot.keys if key.ends in past.ends)
     beside = Terms.of([*_terms_of(snapshot, solved, plan, in_past)])
     past = replace(past, terms=Terms.joined([beside, past.terms]))
-    places_m, boxes_m = _places_of_all(snapshot, placement)
-    enclosure = Interval(boxes_m[points, 0], boxes_m[points, 1])
-    best = finder.find(places_m[points], enclosure, among, past, yaws_rad)
+    best = finder.find(places_m[points], enclosure, among, past)
     is_another = among and not (best.proved or _within(among, best.positions_m))
     if is_another or math.isinf(best.cost):
         return placement
