@@ -10,7 +10,7 @@ HTML, which printers and mail programs show as well as browsers.
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from html import escape
 from importlib.util import find_spec
 from io import StringIO
@@ -289,11 +289,11 @@ def as_page(tree: Tree, fleet: FleetConfig, picture: str) -> str:
         )
         for row in tree['inputs']
     ]
-    default, names = FleetConfig(fleet.robots), [one.name for one in fields(fleet)]
+    default = vars(FleetConfig(fleet.robots))
     settings = [
-        (name, getattr(fleet, name))
-        for name in names
-        if name == 'robots' or getattr(fleet, name) != getattr(default, name)
+        (name, value)
+        for name, value in vars(fleet).items()
+        if name == 'robots' or value != default.get(name)
     ]
     title = escape(tree['bag'])
     body = [

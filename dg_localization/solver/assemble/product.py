@@ -19,10 +19,7 @@ from dg_localization.solver.assemble.links import Linker, crossing_pairs, is_deg
 from dg_localization.solver.assemble.solved_pieces import SolvedPieces
 from dg_localization.solver.box import UPPER, FloatArray
 from dg_localization.solver.place.existence import settled
-from dg_localization.solver.place.hypotheses import (
-    hulls_of,
-    place_problem,
-)
+from dg_localization.solver.place.hypotheses import MOST_STARTS, hulls_of, place_problem
 from dg_localization.solver.place.placements import (
     MARGIN,
     refined,
@@ -41,9 +38,6 @@ from dg_localization.solver.subproblem import (
 
 MOST_LISTED = 6400
 """Greatest product of choices and squared points for which choices are examined to count them."""
-
-MOST_ATTEMPTS = 4
-"""Most attempts to assemble a placement that is proved to agree."""
 
 STEPS_PER_HYPOTHESIS = 16
 """Choices, complete or partial, that are examined per hypothesis to list."""
@@ -295,7 +289,7 @@ class Product:
         rows, columns = known.T
         lower, upper = bounds[0][rows, columns], bounds[1][rows, columns]
         least_m = math.sqrt(bounds[0].max())
-        for positions in self._assembly.placements(combination, least_m, MOST_ATTEMPTS):
+        for positions in self._assembly.placements(combination, least_m, MOST_STARTS):
             yield positions
             yield sought(positions, known, lower, upper, stopped)
         if problem.n_points <= MOST_CONTRACTED:

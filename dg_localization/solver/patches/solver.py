@@ -208,13 +208,11 @@ class PatchSolver:
         budget: Budget,
         share: float,
         within: Sequence[Bounds] | None,
-        is_reviewed: bool,
     ) -> None:
         self._problem = problem
         self._budget = budget
         self._within = within
         self._is_over = budget.has_passed(share)
-        self._is_reviewed = is_reviewed
         self._pairs: list[Pair] = [(i, j) for i, j in problem.pairs.measured.tolist()]
         self._tried: set[Points] = set()
         self._measured = Neighborhoods(problem.n_points, self._pairs, problem.dimension)
@@ -285,7 +283,7 @@ class PatchSolver:
         reviews = [
             self._review(patch, graph)
             for patch in patches
-            if self._is_reviewed and patch.left.sum() > 1 and not self._is_over()
+            if patch.left.sum() > 1 and not self._is_over()
         ]
         for chosen, most in ((seams, MOST_SEAM_BOXES), (reviews, MOST_REVIEW_BOXES)):
             new = [points for points in dict.fromkeys(chosen) if points not in self._tried]

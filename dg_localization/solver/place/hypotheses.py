@@ -29,9 +29,8 @@ MAX_ATTEMPTS = 16
 LARGEST_M2 = 1e150
 """Squared distances below this can be squared once more."""
 
-MOST_DRAWN = 3
-"""Most random draws of distances if the longest ones lead to no placement (EMBED: Havel, Kuntz,
-Crippen 1983)."""
+MOST_STARTS = 4
+"""Most starts of one kind for a placement that is proved to agree; later starts are random."""
 
 AT_ONCE = 60
 """Up to this many coordinates are placed regardless of time: that takes a millisecond or two."""
@@ -92,8 +91,8 @@ def _placements_sought(
     if not is_moderate:
         return
     known, rng = problem.pairs, np.random.default_rng(0)
-    for attempt in range(1 + MOST_DRAWN):
-        # The longest distances first, then random ones.
+    for attempt in range(MOST_STARTS):
+        # The longest distances first, then random ones (EMBED: Havel, Kuntz, Crippen 1983).
         drawn = np.triu(rng.random(box[UPPER].shape) if attempt else np.ones_like(box[UPPER]), 1)
         squared = box[LOWER] + (drawn + drawn.T) * (box[UPPER] - box[LOWER])
         start = scaled(np.sqrt(squared), np.arange(len(squared)), problem.dimension)
