@@ -18,7 +18,7 @@ from solver_cases import random_case
 from test_result import check_claims
 
 CLAIMS_EVERY = 10
-PROBLEMS = int(os.environ.get('DG_PROPERTY_PROBLEMS', '10000'))
+PROBLEMS = int(os.environ.get('DG_PROPERTY_PROBLEMS', '6000'))
 
 
 def check(seed):
