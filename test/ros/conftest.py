@@ -150,9 +150,10 @@ def localize(tmp_path):
 
 
 @pytest.fixture
-def triangle_bag(recorder):
-    recorder.write_triangle(range(21))
-    return recorder.close()
+def triangle_bag(tmp_path):
+    from small_bags import write_triangles
+
+    return write_triangles(tmp_path / 'bag', [range(21)])
 
 
 class Bench:

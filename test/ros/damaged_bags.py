@@ -19,7 +19,7 @@ import struct
 
 from mcap.writer import CompressionType, Writer as McapWriter
 from rosbags.rosbag2 import StoragePlugin
-from small_bags import PERIOD_NS, RANGE, START_NS, STORE, TRIANGLE, Recorder, range_message
+from small_bags import PERIOD_NS, RANGE, START_NS, STORE, TRIANGLE, range_message, write_triangles
 
 RANGES_M = {f'/{a}/range/{b}': range_m for (a, b), range_m in TRIANGLE.items()}
 STEPS = 9
@@ -63,9 +63,7 @@ def write_bag(path: Path, storage: str) -> None:
 
     """
     plugin = StoragePlugin.SQLITE3 if storage == 'db3' else StoragePlugin.MCAP
-    recorder = Recorder(path, plugin)
-    recorder.write_triangle(range(STEPS))
-    recorder.close()
+    write_triangles(path, [range(STEPS)], plugin=plugin)
     if storage != 'db3':
         _rewrite(storage_of(path), checksums=storage == 'mcap', chunks='chunks' not in storage)
 

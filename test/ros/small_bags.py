@@ -6,6 +6,7 @@
 import json
 
 from geometry_msgs.msg import PoseStamped
+import numpy as np
 from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import (
@@ -126,6 +127,14 @@ class Recorder:
         return self.path
 
 
+def write_triangles(path, *stretches, plugin=StoragePlugin.MCAP):
+    """Write a bag of a triangle by stretches of steps, the later ones with ranges of their own."""
+    recorder = Recorder(path, plugin)
+    for steps, *ranges_m in stretches:
+        recorder.write_triangle(steps, *ranges_m)
+    return recorder.close()
+
+
 class Localize:
     """
     Localizes bags with parameters.
@@ -166,11 +175,16 @@ def counts(path):
         return {name: info.msgcount for name, info in reader.topics.items()}
 
 
-def write_table(path, places, stamps_s):
-    """Write a ground truth as a table; the places are a function of the stamp."""
+def places_at(stamp_s):
+    """Return the true places of the triangle in a frame of their own, those of any time."""
+    return {'a': (7.0, 5.0), 'b': (10.0, 5.0), 'c': (7.0, 9.0)}
+
+
+def write_table(path, places=places_at):
+    """Write the ground truth of 2.1 s as a table; the places are a function of the stamp."""
     rows = [
         f'{START_NS * 1e-9 + stamp_s:.3f},{robot},{x},{y}'
-        for stamp_s in stamps_s
+        for stamp_s in np.arange(0.0, 2.2, 0.1)
         for robot, (x, y) in places(stamp_s).items()
     ]
     path.write_text('\n'.join(['stamp,robot,x,y', *rows]) + '\n')

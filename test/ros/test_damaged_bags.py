@@ -31,6 +31,7 @@ from small_bags import (  # noqa: E402
     counts,
     range_message,
     write_parameters,
+    write_triangles,
 )
 import zstandard  # noqa: E402
 
@@ -123,7 +124,7 @@ def test_a_bag_damaged_in_the_middle_gives_what_is_before(localize, tmp_path, ca
     recorder.write('/a/range/b', 21, range_message(START_NS, 3.0, 'x' * 40_000))
     recorder.write_triangle(range(22, 42))
     bag = recorder.close()
-    (storage,) = bag.glob('*.db3')
+    storage = storage_of(bag)
     data = storage.read_bytes()
     page = (data.index(b'x' * 4000) // 4096 + 1) * 4096
     storage.write_bytes(data[:page] + bytes(8192) + data[page + 8192 :])
@@ -154,12 +155,10 @@ def test_a_bag_without_messages_is_refused_with_a_sentence(localize, tmp_path, p
 
 @pytest.mark.parametrize('time_ns', [-1, START_NS + 10**18, 2**63 - 1])
 def test_a_damaged_time_does_not_make_a_bag_of_centuries(localize, tmp_path, time_ns, capsys):
-    recorder = Recorder(tmp_path / 'bag', StoragePlugin.SQLITE3)
-    recorder.write_triangle(range(11))
-    (storage,) = recorder.close().glob('*.db3')
-    with sqlite3.connect(storage) as base:
+    bag = write_triangles(tmp_path / 'bag', [range(11)], plugin=StoragePlugin.SQLITE3)
+    with sqlite3.connect(storage_of(bag)) as base:
         base.execute('UPDATE messages SET timestamp = ? WHERE id = 5', [time_ns])
-    code, report = localize(recorder.path)
+    code, report = localize(bag)
     assert code == 1 and report['ticks'] == 5
     assert 'receive times of 1 messages are no times of ROS' in capsys.readouterr().out
 
@@ -234,10 +233,7 @@ def test_topics_whose_definitions_cannot_be_parsed_are_passed_over(localize, tmp
 
 @pytest.mark.parametrize('plugin', list(StoragePlugin))
 def test_a_file_that_is_compressed_as_a_whole_is_read(localize, tmp_path, plugin):
-    recorder = Recorder(tmp_path / 'bag', plugin)
-    recorder.write_triangle(range(21))
-    bag = recorder.close()
-    (storage,) = (path for path in bag.iterdir() if path.suffix != '.yaml')
+    storage = storage_of(write_triangles(tmp_path / 'bag', [range(21)], plugin=plugin))
     packed = tmp_path / f'{storage.name}.zstd'
     packed.write_bytes(zstandard.compress(storage.read_bytes()))
     code, report = localize(packed)
@@ -248,9 +244,8 @@ def test_a_file_that_is_compressed_as_a_whole_is_read(localize, tmp_path, plugin
 
 def test_a_database_of_eloquent_is_read(localize, tmp_path):
     """It has neither profiles nor definitions, and Range has no variance."""
-    recorder = Recorder(tmp_path / 'bag', StoragePlugin.SQLITE3)
-    recorder.write_triangle(range(21))
-    (storage,) = recorder.close().glob('*.db3')
+    bag = write_triangles(tmp_path / 'bag', [range(21)], plugin=StoragePlugin.SQLITE3)
+    storage = storage_of(bag)
     with sqlite3.connect(storage) as base:
         for table in ('schema', 'metadata', 'message_definitions'):
             base.execute(f'DROP TABLE {table}')

@@ -120,15 +120,14 @@ def test_what_is_wrong_in_a_table_is_named(tmp_path, dimension, table, wanted):
 
 
 def test_the_report_says_that_a_table_tells_no_orientation_in_space(
-    recorder, localize, tmp_path, capsys
+    triangle_bag, localize, tmp_path, capsys
 ):
-    recorder.write_triangle(range(21))
-    bag, path = recorder.close(), tmp_path / 'truth.csv'
+    path = tmp_path / 'truth.csv'
     row = f'{START_NS * 1e-9:.3f},a,0.0,0.0,0.0,0.0'
     path.write_text(f'stamp,robot,x,y,z,yaw\n{row}\n')
-    _, report = localize(bag, '--truth', path)
+    _, report = localize(triangle_bag, '--truth', path)
     assert report['notices'] == []
-    _, report = localize(bag, '--truth', path, dimension=3)
+    _, report = localize(triangle_bag, '--truth', path, dimension=3)
     (notice,) = report['notices']
     assert 'truth.csv: no orientation in space' in notice and 'qx, qy, qz and qw' in notice
     assert notice in capsys.readouterr().out
@@ -146,36 +145,32 @@ TABLES = {
 
 
 @pytest.mark.parametrize('name', TABLES)
-def test_tables_as_people_have_them_are_read(recorder, localize, tmp_path, name):
-    recorder.write_triangle(range(21))
+def test_tables_as_people_have_them_are_read(triangle_bag, localize, tmp_path, name):
     file, header, row = TABLES[name]
     rows = [row.format(t=t, r=r, x=PLACES[r][0], y=PLACES[r][1]) for t, r in ROWS]
     (tmp_path / file).write_text('\n'.join([header, *rows]))
-    code, report = localize(recorder.close(), '--truth', tmp_path / file)
+    code, report = localize(triangle_bag, '--truth', tmp_path / file)
     assert code == 0 and report['truth']['compared'] == report['ticks'] == 10
     unit = [text for text in report['notices'] if 'in seconds' in text]
     assert len(unit) == name.endswith('seconds') and all(name in text for text in unit)
 
 
-def test_trajectories_of_tum_are_read_one_of_each_robot(recorder, localize, tmp_path):
-    recorder.write_triangle(range(21))
+def test_trajectories_of_tum_are_read_one_of_each_robot(triangle_bag, localize, tmp_path):
     for robot, (x, y) in PLACES.items():
         rows = [f'{t:.3f} {x} {y} 0 0 0 0 1' for t, r in ROWS if r == robot]
         (tmp_path / f'{robot}.tum').write_text('\n'.join(['# a remark', *rows]))
-    bag = recorder.close()
-    code, report = localize(bag, '--truth', tmp_path / '{robot}.tum')
+    code, report = localize(triangle_bag, '--truth', tmp_path / '{robot}.tum')
     assert code == 0 and report['truth']['compared'] == 10
-    assert localize(bag, '--truth', tmp_path / 'a.tum') == (2, None)
+    assert localize(triangle_bag, '--truth', tmp_path / 'a.tum') == (2, None)
 
 
-def test_times_that_do_not_meet_are_explained(recorder, localize, tmp_path, capsys):
-    recorder.write_triangle(range(21))
-    path, bag = tmp_path / 'truth.csv', recorder.close()
+def test_times_that_do_not_meet_are_explained(triangle_bag, localize, tmp_path, capsys):
+    path = tmp_path / 'truth.csv'
     zero = [f'{(t - START_NS // 10**9):.3f},{r},0,0' for t, r in ROWS]
     other = [f'{t + 3600.0:.3f},{r},0,0' for t, r in ROWS]
     for rows, hint in ((zero, 'counted from zero'), (other, 's apart')):
         path.write_text('\n'.join(['stamp,robot,x,y', *rows]))
-        _, report = localize(bag, '--truth', path)
+        _, report = localize(triangle_bag, '--truth', path)
         assert report['truth']['compared'] == 0
         printed = capsys.readouterr().out
         assert 'must be in seconds' in printed and hint in printed

@@ -9,13 +9,18 @@ from pathlib import Path
 import signal
 import subprocess
 
-import numpy as np
 import pytest
 
 pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not installed")
 
 from processes import start, wait_for  # noqa: E402
-from small_bags import TRIANGLE, Recorder, counts, write_parameters, write_table  # noqa: E402
+from small_bags import (  # noqa: E402
+    TRIANGLE,
+    counts,
+    write_parameters,
+    write_table,
+    write_triangles,
+)
 
 from dg_localization.ros.executables import localize_bag  # noqa: E402
 
@@ -23,10 +28,8 @@ from dg_localization.ros.executables import localize_bag  # noqa: E402
 @pytest.fixture
 def bags(tmp_path):
     """Write two bags of a triangle, of 11 and 21 steps."""
-    recorders = [Recorder(tmp_path / name) for name in ('first', 'second')]
-    for recorder, steps in zip(recorders, (11, 21), strict=True):
-        recorder.write_triangle(range(steps))
-    return [recorder.close() for recorder in recorders]
+    lengths = {'first': 11, 'second': 21}
+    return [write_triangles(tmp_path / name, [range(n)]) for name, n in lengths.items()]
 
 
 @pytest.fixture
@@ -45,9 +48,10 @@ def localize_all(tmp_path):
 
 def test_each_bag_is_localized_compared_and_drawn_as_alone(bags, localize_all, tmp_path):
     pytest.importorskip('matplotlib', reason="matplotlib, the extra 'plots', is not installed")
-    places = {'a': (7.0, 5.0), 'b': (10.0, 5.0), 'c': (7.0, 9.0)}
-    table = write_table(tmp_path / 'truth.csv', lambda _: places, np.arange(0.0, 2.2, 0.1))
-    truth, plot = ('--truth', table), ('--plot', tmp_path / 'picture.png')
+    truth, plot = (
+        ('--truth', write_table(tmp_path / 'truth.csv')),
+        ('--plot', tmp_path / 'picture.png'),
+    )
     # ROS arguments reach every process.
     ros_arguments = ('--ros-args', '-p', 'rate:=4.0')
     code, text = localize_all(*bags, '--jobs', '1', *truth, *plot, *ros_arguments)
@@ -66,11 +70,7 @@ def test_each_bag_is_localized_compared_and_drawn_as_alone(bags, localize_all, t
 
 def test_ctrl_c_leaves_bags_that_can_be_read(tmp_path):
     """A terminal sends its signal to all processes of the group."""
-    bags = []
-    for name in ('first', 'second'):
-        recorder = Recorder(tmp_path / name)
-        recorder.write_triangle(range(400))
-        bags.append(recorder.close())
+    bags = [write_triangles(tmp_path / name, [range(400)]) for name in ('first', 'second')]
     params = write_parameters(tmp_path, rate=100.0)
     paths = *bags, '-o', tmp_path / 'out', '--params', params, '--jobs', '2'
     process = start('localize_bag', *paths, stderr=subprocess.DEVNULL, start_new_session=True)
@@ -88,10 +88,10 @@ def test_ctrl_c_leaves_bags_that_can_be_read(tmp_path):
 
 
 def test_a_bag_that_fails_leaves_the_others_theirs(localize_all, tmp_path):
-    recorder = Recorder(tmp_path / 'first')
-    recorder.write_triangle(range(11), {('a', 'b'): 1.0, ('a', 'c'): 1.0, ('b', 'c'): 9.0})
+    impossible = {('a', 'b'): 1.0, ('a', 'c'): 1.0, ('b', 'c'): 9.0}
+    bag = write_triangles(tmp_path / 'first', [range(11), impossible])
     (tmp_path / 'broken.mcap').write_bytes(b'no bag')
-    code, text = localize_all(recorder.close(), tmp_path / 'broken.mcap', report='all.md')
+    code, text = localize_all(bag, tmp_path / 'broken.mcap', report='all.md')
     assert code == 1
     first, broken = text.splitlines()[-2:]
     assert first.startswith('| first ') and '| at its end ' in first and '| no placement' in first
@@ -106,12 +106,9 @@ def test_two_bags_of_one_name_are_refused(bags, localize_all, tmp_path, capsys):
 
 def test_one_process_and_four_give_the_same_bytes(localize_all, tmp_path, monkeypatch):
     """The order of sets, which differs between processes, does not show either."""
-    bags, found = [], []
-    for name in ('first', 'second'):
-        recorder = Recorder(tmp_path / name)
-        recorder.write_triangle(range(10))
-        recorder.write_triangle(range(10, 20), {**TRIANGLE, ('b', 'a'): 2.0, ('c', 'b'): 9.5})
-        bags.append(recorder.close())
+    stretches = [range(10)], [range(10, 20), {**TRIANGLE, ('b', 'a'): 2.0, ('c', 'b'): 9.5}]
+    bags = [write_triangles(tmp_path / name, *stretches) for name in ('first', 'second')]
+    found = []
     for jobs, seed in ('1', '1'), ('4', '2'):
         monkeypatch.setenv('PYTHONHASHSEED', seed)
         given = '--jobs', jobs, '--ros-args', '-p', 'max_outliers:=2'

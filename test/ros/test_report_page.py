@@ -28,8 +28,7 @@ PIXELS = 2000
 @pytest.fixture
 def page(triangle_bag, tmp_path):
     """Return the file of a report with a truth."""
-    places = {'a': (7.0, 5.0), 'b': (10.0, 5.0), 'c': (7.0, 9.0)}
-    table = write_table(tmp_path / 'truth.csv', lambda _: places, np.arange(0.0, 2.2, 0.1))
+    table = write_table(tmp_path / 'truth.csv')
     params, path = write_parameters(tmp_path), tmp_path / 'answers.html'
     arguments = [triangle_bag, '-o', tmp_path / 'out', '--params', params, '--report', path]
     assert localize_bag([str(one) for one in (*arguments, '--truth', table)]) == 0
