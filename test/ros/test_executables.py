@@ -4,11 +4,13 @@
 """The executables before they have imported what they run."""
 
 import signal
+import sys
 
 from plain_python import run_python
 from processes import PIPES, start
 import pytest
 
+from dg_localization.ros import executables
 from dg_localization.ros.executables import stop_request
 
 # Sends the signal to itself when rclpy is asked for, in the middle of the imports.
@@ -60,6 +62,7 @@ def test_what_nohup_has_ignored_stays_ignored():
 
 
 def run(*arguments):
+    """Run an executable in a process; return its exit code, and what it printed and told."""
     process = start(*arguments, **PIPES)
     printed, told = process.communicate(timeout=60.0)
     return process.returncode, printed, told
@@ -69,27 +72,29 @@ NODES = ('localizer', 'simulate_fleet')
 ALL = (*NODES, 'replay', 'localize_bag', 'fit_bounds')
 
 
-@pytest.mark.parametrize(
-    ('arguments', 'code', 'wanted'),
-    [
-        (('localiser',), 2, "'localiser' is no executable; there are localizer, simulate_fleet"),
-        *(((one, '--help'), 0, f'usage: {one} ') for one in ALL),
-        *(
-            ((one, '--ros-args', '--no-such-one'), 2, "wrong ROS arguments: ['--no-such-one']")
-            for one in ALL
-        ),
-        *(
-            ((one, '--params-file', 'fleet.yaml'), 2, "'--params-file' is no argument of this")
-            for one in NODES
-        ),
-    ],
-)
-def test_wrong_arguments_are_named_and_the_right_ones_printed(arguments, code, wanted):
-    found, *printed = run(*arguments)
-    assert found == code
-    # The help is printed, and what is wrong is told.
-    silent, told = printed if code else reversed(printed)
-    assert silent == '' and wanted in told and 'Traceback' not in told
+@pytest.mark.parametrize('name', ALL)
+def test_the_help_is_printed(name):
+    code, printed, told = run(name, '--help')
+    assert (code, told) == (0, '') and f'usage: {name} ' in printed
+
+
+@pytest.mark.parametrize('name', ALL)
+def test_wrong_arguments_are_named(name, capsys):
+    wrong = {"wrong ROS arguments: ['--no-such-one']": ('--ros-args', '--no-such-one')}
+    if name in NODES:
+        wrong["'--params-file' is no argument of this"] = ('--params-file', 'fleet.yaml')
+    for wanted, arguments in wrong.items():
+        with pytest.raises(SystemExit) as ended:
+            sys.exit(getattr(executables, name)([*arguments]))
+        printed, told = capsys.readouterr()
+        assert (ended.value.code, printed) == (2, '')
+        assert wanted in told and 'Traceback' not in told
+
+
+def test_what_is_no_executable_is_named():
+    code, _, told = run('localiser')
+    assert code == 2
+    assert "'localiser' is no executable; there are localizer, simulate_fleet" in told
 
 
 def test_a_machine_on_which_ros_cannot_start_is_no_wrong_argument(monkeypatch):
