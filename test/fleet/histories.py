@@ -428,9 +428,14 @@ def limited(history, rng):
     return history
 
 
-def play_without_a_loss(history, seconds, resets, rate_hz=1):
-    """Play a history, with resets if so; return how many steps it had. No truth may be lost."""
-    ticks_s = np.sort(history.rng.uniform(0.3, seconds, round(rate_hz * seconds)))
+def ticks_of(history, seconds, rate_hz=1):
+    """Draw the times of answers, since the start."""
+    return np.sort(history.rng.uniform(0.3, seconds, round(rate_hz * seconds)))
+
+
+def play_without_a_loss(history, ticks_s, resets=False):
+    """Play a history, now and then with a reset if so; return the last answer, none wrong."""
+    rate_hz = len(ticks_s) / ticks_s[-1]
 
     def between(localizer, time_s):
         if resets and history.rng.random() < 0.15 / rate_hz:
@@ -442,15 +447,17 @@ def play_without_a_loss(history, seconds, resets, rate_hz=1):
         assert not estimate.forgotten, estimate.forgotten
         assert estimate.n_hypotheses >= len(estimate.placements)
         assert truth_is_inside(history, time_s, estimate), time_s
-    return len(ticks_s)
+    return estimate
 
 
 def play_seed(seed, dimension=2):
-    """Play the history of a seed, an odd one with resets."""
+    """Play the history of a seed, an odd one with resets; return how many answers it had."""
     seconds = LONG_S if dimension == 2 and seed % EVERY_LONG == 0 else SECONDS
     rng = np.random.default_rng([seed, dimension, 9])
     history = limited(draw_habits(draw_any(seed, dimension, seconds), seed), rng)
-    return play_without_a_loss(history, seconds, has_resets(seed), int(rng.choice(RATES_HZ)))
+    ticks_s = ticks_of(history, seconds, int(rng.choice(RATES_HZ)))
+    play_without_a_loss(history, ticks_s, has_resets(seed))
+    return len(ticks_s)
 
 
 def main():

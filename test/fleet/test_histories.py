@@ -12,6 +12,7 @@ from histories import (
     draw_any,
     localizer_of,
     play_without_a_loss,
+    ticks_of,
     truth_is_inside,
 )
 from hypothesis import given, settings, strategies as st
@@ -30,7 +31,7 @@ STEPS = int(os.environ.get('DG_HISTORY_STEPS', '240'))
 @given(seed=st.integers(0, 2**32 - 1))
 def test_the_truth_is_never_lost(dimension, seed):
     history = draw_habits(draw_any(seed, dimension), seed)
-    play_without_a_loss(history, SECONDS, has_resets(seed))
+    play_without_a_loss(history, ticks_of(history, SECONDS), has_resets(seed))
 
 
 @pytest.mark.parametrize('seed', range(2))
@@ -66,31 +67,23 @@ ERROR = OdometryErrorModel(
 FLIGHT_S = 12.0
 
 
-def flight(seed, *, robots=2, memory_s=15.0, **kind):
-    return History.draw(
-        seed, robots, 4, FLIGHT_S, dimension=3, error=ERROR, memory_s=memory_s, **kind
-    )
-
-
-def check(history):
-    """Play a flight without a loss; return the last estimate."""
-    for time_s, estimate in history.play(localizer_of(history), np.arange(1.0, FLIGHT_S)):
-        assert estimate.verdict is not Verdict.INFEASIBLE
-        assert not estimate.forgotten
-        assert truth_is_inside(history, time_s, estimate), time_s
-    return estimate
+def fly(seed, *, robots=2, memory_s=15.0, lies_m=0.0, **kind):
+    """Play a flight among four anchors, of which some readings lie; return the last answer."""
+    kind |= {'dimension': 3, 'error': ERROR, 'memory_s': memory_s}
+    history = History.draw(seed, robots, 4, FLIGHT_S, **kind)
+    history.lies = dict.fromkeys(history.observed[3:300:99] if lies_m else (), lies_m)
+    return play_without_a_loss(history, np.arange(1.0, FLIGHT_S))
 
 
 @pytest.mark.parametrize('steepest_rad', [0.3, 1.2])
 @pytest.mark.parametrize('seed', range(3))
 def test_no_pose_is_lost_by_rays_of_tilted_cameras(seed, steepest_rad):
-    check(flight(seed, steepest_rad=steepest_rad, cameras=True))
+    fly(seed, steepest_rad=steepest_rad, cameras=True)
 
 
 def test_positions_are_sharper_and_headings_known():
     of_memory, of_moment = (
-        check(flight(1, memory_s=memory_s, steepest_rad=0.3, cameras=False))
-        for memory_s in (15.0, 0.0)
+        fly(1, memory_s=memory_s, steepest_rad=0.3, cameras=False) for memory_s in (15.0, 0.0)
     )
     widths = [
         np.max([np.ptp(p.enclosure_m, axis=1) for p in e.placements], axis=0)
@@ -103,11 +96,9 @@ def test_positions_are_sharper_and_headings_known():
 
 
 def test_wrong_readings_lose_nothing_where_they_are_tolerated():
-    history = flight(5, window_outliers=3)
-    history.lies = dict.fromkeys(history.observed[3:300:99], -2.0)
-    check(history)
+    fly(5, window_outliers=3, lies_m=-2.0)
 
 
 def test_a_body_that_stands_on_end_has_no_heading():
     """Near a pitch of 90 degrees roll and yaw are not told apart, and nothing is claimed."""
-    check(flight(2, robots=1, steepest_rad=1.57))
+    fly(2, robots=1, steepest_rad=1.57)

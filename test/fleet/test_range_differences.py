@@ -7,7 +7,7 @@ import math
 import os
 
 from habits import listen
-from histories import History, play_without_a_loss
+from histories import History, play_without_a_loss, ticks_of
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
@@ -36,7 +36,8 @@ ERROR_M = 0.1
 def test_the_truth_is_never_lost_where_nothing_else_is_measured(seed, dimension):
     kind = 1 + seed % 3 // 2, 3 + seed % 4, SECONDS, seed % 2, dimension
     history = History.draw([seed, 21], *kind, ranged=False)
-    play_without_a_loss(listen(history, np.random.default_rng([seed, 22])), SECONDS, False)
+    listen(history, np.random.default_rng([seed, 22]))
+    play_without_a_loss(history, ticks_of(history, SECONDS))
 
 
 class Listener:

@@ -225,7 +225,7 @@ def test_no_limit_depends_on_a_clock_of_the_machine():
     assert fleet.solver.max_boxes == 2000 and fleet.max_conflict_solves == 200
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_leaves_a_readable_bag(tmp_path, recorder, number):
     recorder.write_triangle(range(4_000))
     output = tmp_path / 'out'

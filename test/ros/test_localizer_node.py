@@ -317,7 +317,7 @@ def test_wrong_parameters_end_the_executable_with_a_message(
     assert 'Traceback' not in process.output()
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
 def test_signal_while_starting_ends_cleanly(bench, start_localizer, number):
     process = start_localizer('-p', "robots:=['a', 'b', 'c']")
     # The line is written while the topics are still being made.
