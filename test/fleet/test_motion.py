@@ -9,6 +9,7 @@ from drives import draw_drive
 import numpy as np
 import pytest
 from shapes import attitude
+from test_odometry import spin
 
 from dg_localization.fleet import FleetConfig
 from dg_localization.fleet.motion import Motion, OdometryTrack
@@ -87,17 +88,13 @@ def test_where_odometry_is_missing_the_way_is_as_long_as_the_limits_allow():
 
 
 def test_the_constant_errors_of_poses_turn_with_the_track():
-    # Poses stated at one place err by a circle of 0.02 m, while each turn errs by 0.2 of itself.
-    count, turn_rad, place = 300, 0.1, 0.0
-    offs_rad = 0.2 * turn_rad * np.arange(count + 1)
-    constants = 0.02 * np.exp(-1j * (offs_rad - 0.5 * 0.2 * turn_rad + 0.5 * np.pi))
-    for off_rad, before, after in zip(offs_rad, constants, constants[1:], strict=False):
-        place += np.exp(1j * off_rad) * (before - after)
+    errors = {'rotation_per_rad': 0.2, 'constant_m': 0.04}
+    positions, stated, _ = spin(300, 0.1, OdometryErrorModel(**errors))
     readings = [
-        OdometrySample(1.0 + k, np.zeros(3), attitude(turn_rad * k)) for k in range(count + 1)
+        OdometrySample(1.0 + k, np.zeros(3), attitude(yaw)) for k, yaw in enumerate(stated)
     ]
-    motion = motion_of(*readings, rotation_per_rad=0.2, constant_m=0.04)
-    assert 0.1 < abs(place) <= motion.displacement_m('a', 1.0, 1.0 + count) < 0.3
+    most_m = motion_of(*readings, **errors).displacement_m('a', 1.0, 301.0)
+    assert 0.1 < np.linalg.norm(positions[-1] - positions[0]) <= most_m < 0.3
 
 
 @pytest.mark.parametrize('pitch_rad', [0.0, 0.3, 0.6])

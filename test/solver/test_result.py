@@ -4,6 +4,7 @@
 """Verdicts, statistics, placements and flags: what an answer claims must be so."""
 
 from fractions import Fraction
+from types import SimpleNamespace
 
 from joined_cases import check_counts, solve_as_one
 import numpy as np
@@ -121,25 +122,13 @@ def test_contradictions_are_proved(ranges, dimension, options):
     assert result.statistics.kept == result.statistics.pending == 0
 
 
-class StopAfter:
-    """Cancels after a number of boxes."""
-
-    def __init__(self, boxes):
-        self.boxes = boxes
-
-    def note(self, statistics):
-        self.boxes -= 1
-
-    def is_set(self):
-        return self.boxes <= 0
-
-
 @pytest.mark.parametrize('most', [0, 1, 2, 7, 14])
 @pytest.mark.parametrize('is_cancelled', [False, True])
 def test_what_stops_a_search_leaves_a_complete_cover(paper_fleet, most, is_cancelled):
-    stop = StopAfter(most if is_cancelled else 1000)
+    noted, last = [], most if is_cancelled else 1000
+    stop = SimpleNamespace(is_set=lambda: len(noted) >= last)
     options = SolverOptions(max_boxes=1000 if is_cancelled else max(most, 1))
-    result = solve_as_one(paper_fleet.problem(), options, cancel=stop, progress=stop.note)
+    result = solve_as_one(paper_fleet.problem(), options, cancel=stop, progress=noted.append)
     assert result.verdict is Verdict.OUT_OF_BUDGET
     assert result.statistics.processed == (most if is_cancelled else max(most, 1))
     check_claims(paper_fleet.problem(), result)
