@@ -3,6 +3,7 @@
 
 """The report as a page: its content, and what a browser shows."""
 
+from dataclasses import fields
 import re
 import shutil
 import subprocess
@@ -17,6 +18,7 @@ image = pytest.importorskip('matplotlib.image', reason="the extra 'plots' is not
 from matplotlib.colors import rgb_to_hsv, to_rgb  # noqa: E402
 from small_bags import write_parameters, write_table  # noqa: E402
 
+from dg_localization.fleet import FleetConfig  # noqa: E402
 from dg_localization.ros.bags.picture import COLORS  # noqa: E402
 from dg_localization.ros.executables import localize_bag  # noqa: E402
 
@@ -40,6 +42,8 @@ def test_a_report_is_one_page(page):
     assert 'Of 10 answers 0 have one hypothesis' in text
     assert 'the truth is inside in 10 of 10 answers compared.' in text
     assert text.count('<svg') == 1 and '<td>range a-&gt;b</td>' in text
+    settings = re.findall(r'<tr><td>(\w+)</td>', text.partition('<h2>Configuration</h2>')[2])
+    assert set(settings) <= {one.name for one in fields(FleetConfig)}
     # Nothing is loaded from elsewhere: addresses are names of formats.
     assert 'http' not in re.sub(r'xmlns(:\w+)?="[^"]*"', '', text)
     assert [tag for tag in ('<script', '<link', '@import') if tag in text] == []

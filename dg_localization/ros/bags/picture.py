@@ -10,7 +10,7 @@ HTML, which printers and mail programs show as well as browsers.
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from html import escape
 from importlib.util import find_spec
 from io import StringIO
@@ -289,11 +289,11 @@ def as_page(tree: Tree, fleet: FleetConfig, picture: str) -> str:
         )
         for row in tree['inputs']
     ]
-    default = vars(FleetConfig(fleet.robots))
+    default, names = FleetConfig(fleet.robots), [one.name for one in fields(fleet)]
     settings = [
-        (name, value)
-        for name, value in vars(fleet).items()
-        if name == 'robots' or value != default.get(name)
+        (name, getattr(fleet, name))
+        for name in names
+        if name == 'robots' or getattr(fleet, name) != getattr(default, name)
     ]
     title = escape(tree['bag'])
     body = [
