@@ -231,10 +231,11 @@ def test_topics_whose_definitions_cannot_be_parsed_are_passed_over(localize, tmp
     assert code == 0 and report['accepted'] == 33 and report['damage'] == []
 
 
+@pytest.mark.parametrize('suffix', ['zst', 'zstd'])
 @pytest.mark.parametrize('plugin', list(StoragePlugin))
-def test_a_file_that_is_compressed_as_a_whole_is_read(localize, tmp_path, plugin):
+def test_a_file_that_is_compressed_as_a_whole_is_read(localize, tmp_path, plugin, suffix):
     storage = storage_of(write_triangles(tmp_path / 'bag', [range(21)], plugin=plugin))
-    packed = tmp_path / f'{storage.name}.zstd'
+    packed = tmp_path / f'{storage.name}.{suffix}'
     packed.write_bytes(zstandard.compress(storage.read_bytes()))
     code, report = localize(packed)
     assert code == 0 and report['ticks'] == 10 and report['damage'] == []

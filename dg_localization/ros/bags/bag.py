@@ -36,7 +36,7 @@ SAMPLES = 20
 # across the files of a split bag.
 OUT_OF_ORDER_NS = NS_PER_S
 TYPE_NAME = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Za-z][A-Za-z0-9]*')
-STORAGE_FILE = re.compile(r'.*\.(mcap|db3)(\.zstd)?')
+STORAGE_FILE = re.compile(r'.*\.(mcap|db3)(\.zstd?)?')
 
 
 class Channel(NamedTuple):
@@ -237,7 +237,8 @@ class Bag:
         files = [file for file in present if file.is_file() and STORAGE_FILE.fullmatch(file.name)]
         if not files:
             raise BagError(
-                f'{path} is no rosbag2: neither a .db3 or .mcap file nor a folder of some'
+                f'{path} is no rosbag2: neither a .db3 or .mcap file nor a folder of some; '
+                'unpack it first where it is compressed otherwise than with .zst or .zstd'
             )
         said = self._metadata() if path.is_dir() else None
         if said is None:
@@ -270,7 +271,7 @@ class Bag:
 
     def _unpacked(self, path: Path, folder: Path) -> Path:
         """Return a file, unpacked first where it is compressed as a whole."""
-        if path.suffix != '.zstd':
+        if not path.suffix.startswith('.zst'):
             return path
         import zstandard
 
