@@ -100,6 +100,13 @@ def test_rate_and_gaps_of_the_clock(small_bag, listener):
     assert len(listener.on('/clock')) >= 15
 
 
+def test_a_gap_of_minutes_is_announced(tmp_path):
+    recorder = Recorder(tmp_path / 'bag')
+    recorder.write_at([START_NS, START_NS + 59 * 10**9, START_NS + 180 * 10**9])
+    _, told = start(recorder.close(), '--rate', '200', '--wait', '0').communicate(timeout=60)
+    assert told.count('has a gap') == 1 and 'a gap of 0:02:01, which /clock goes through' in told
+
+
 def test_loop_goes_on_until_interrupted(small_bag, listener):
     process = start(small_bag, '--loop', '--rate', '10')
     listener.spin_until(lambda: len(listener.on('/a/range/b')) >= 3 * COUNT)

@@ -35,6 +35,8 @@ SAMPLES = 20
 # The recorder writes messages in the order of its callbacks, not of their receive times, also
 # across the files of a split bag.
 OUT_OF_ORDER_NS = NS_PER_S
+# After a longer time without any message a bag has a gap.
+SILENCE_NS = 60 * NS_PER_S
 TYPE_NAME = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Za-z][A-Za-z0-9]*')
 STORAGE_FILE = re.compile(r'.*\.(mcap|db3)(\.zstd?)?')
 

@@ -24,7 +24,7 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
 from dg_localization.fleet import Cancel, Estimate, Localizer, Snapshot
-from dg_localization.ros.bags.bag import NS_PER_S, Bag, BagError, in_seconds
+from dg_localization.ros.bags.bag import NS_PER_S, SILENCE_NS, Bag, BagError, in_seconds
 from dg_localization.ros.bags.reading import BagMessage, Reading
 from dg_localization.ros.bags.truth import read_truth
 from dg_localization.ros.executables import writing
@@ -40,9 +40,6 @@ from dg_localization.ros.interface.outputs import (
 from dg_localization.ros.interface.parameters.settings import Settings, declare_settings
 from dg_localization.ros.spinning import ros_arguments_checked
 from msg_adapters import Diagnostics, Status
-
-SILENCE_NS = 60 * NS_PER_S
-"""After a longer time without any message the bag has a gap, in which nothing is answered."""
 
 AFTER_LAST_NS = 10 * NS_PER_S
 """Time for which answers continue into a gap, so that the last ones do not look fresh."""

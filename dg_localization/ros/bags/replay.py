@@ -11,6 +11,7 @@ Nodes that use the time of the bag set the parameter `use_sim_time`.
 
 import argparse
 from collections.abc import Iterable, Sequence
+from datetime import timedelta
 import math
 from pathlib import Path
 import time
@@ -21,7 +22,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 
-from dg_localization.ros.bags.bag import NS_PER_S, BagError, Topic, open_bag
+from dg_localization.ros.bags.bag import NS_PER_S, SILENCE_NS, BagError, Topic, open_bag
 from dg_localization.ros.bags.reading import BagMessage, Reading
 from dg_localization.ros.executables import add_span, number, print_line
 from dg_localization.ros.spinning import own_arguments, rclpy_running
@@ -76,8 +77,12 @@ class Replayer:
     def play(self, messages: Iterable[BagMessage], start_ns: int) -> int:
         """Publish messages, each after its time on `/clock`, then wait for acknowledgement."""
         began_s, clock, count = time.monotonic(), Clock(), 0
-        clock_ns = start_ns - 1
+        clock_ns, last_ns = start_ns - 1, start_ns
         for message in messages:
+            if message.time_ns - last_ns > SILENCE_NS:
+                gap = timedelta(seconds=round((message.time_ns - last_ns) / NS_PER_S))
+                print_line(f'the recording has a gap of {gap}, which {CLOCK} goes through')
+            last_ns = message.time_ns
             left_s = math.inf
             while left_s > 0.0:
                 passed_s = (time.monotonic() - began_s) * self._rate
