@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import partial
 import time
@@ -88,8 +88,8 @@ def estimate_snapshot(
     found_now, main = narrowed.answer, found.main
     if found_now is found and main is not None and len(main.placements) == 1:
         found_now = replace(found, main=main.leaving((refit(main.plan, main.placements[0]),)))
-    if earlier is not None:
-        found_now = _with_likely_poses(snapshot, found_now, earlier)
+    if earlier is not None and snapshot.config.memory_s > 0.0:
+        found_now = _with_likely_poses(snapshot, found_now, earlier, recalled.in_doubt)
     estimate = _answered(snapshot, found_now, [plans])
     doubts = [f'what {robot} remembers is in doubt' for robot in recalled.in_doubt]
     if estimate.misfits:
@@ -109,9 +109,12 @@ def estimate_snapshot(
     return estimate, narrowed.proved
 
 
-def _with_likely_poses(snapshot: Snapshot, found: Answer, earlier: EarlierSets) -> Answer:
+def _with_likely_poses(
+    snapshot: Snapshot, found: Answer, earlier: EarlierSets, in_doubt: Collection[str]
+) -> Answer:
     """Return an answer with the likeliest poses of its robots, and keep them for the next."""
-    kept, earlier.likely = earlier.likely, {}
+    kept = {robot: pose for robot, pose in earlier.likely.items() if robot not in in_doubt}
+    earlier.likely = {}
     main = found.main
     if main is None or snapshot.config.dimension != 2 or len(main.placements) != 1:
         return found

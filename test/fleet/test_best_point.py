@@ -12,6 +12,7 @@ import pytest
 from sensing import add_odometry, add_ranges, new_localizer, ray
 from shapes import check_form, in_space, random_rotation
 
+from benchmarks import beside
 from benchmarks.covariances import CASES, Row
 from dg_localization.fleet import RangeErrorModel
 
@@ -221,3 +222,15 @@ def test_best_points_are_as_far_off_as_their_covariances_say(name):
     assert 0.3 <= row.median_nees <= (1.4 if name == 'straight' else 1.3)
     # Robots with unknown headings are 0.33 m off by the moment alone.
     assert row.median_m < 0.3 or name != 'ranges-coarse'
+
+
+def test_a_robot_is_not_lost_in_a_gap_of_readings(shared):
+    """Between two ranges of this recording there are up to 97 s; answers are 48 s apart."""
+    recording = beside.read(shared / 'data/plaza1')
+    ticks_s = np.linspace(recording.learned_until_s, recording.truth[-1, 0], 31)[1:]
+    answers = [*beside.ours(recording, beside.learn(recording), ticks_s)]
+    assert sum(answer is not None for answer in answers) >= 28
+    for tick_s, answer in zip(ticks_s, answers, strict=True):
+        if answer is not None:
+            off_m = answer.position_m - recording.place_m(float(tick_s))
+            assert np.linalg.norm(off_m) < 2.0

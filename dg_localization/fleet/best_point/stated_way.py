@@ -5,8 +5,8 @@
 The path of a robot in the plane as its odometry states it: its bodies now and before.
 
 This is plain floating point for an estimate; proved bounds come from `fleet.odometry`. While
-nothing is measured of a robot, its likeliest pose is the pose of the last fit, carried by its
-odometry: a fit of the remaining window would lose information that the last fit had.
+little is measured of a robot, its likeliest pose is that of an earlier fit, carried by its
+odometry: a fit of the remaining window would lose information that the earlier fit had.
 """
 
 from __future__ import annotations
@@ -200,8 +200,6 @@ class LikelyPose:
     Parameters
     ----------
     stamp_s : float
-    measured_s : float
-        The time of its newest observation.
     pose : numpy.ndarray, shape (3,)
         x, y and yaw.
     covariance : numpy.ndarray, shape (3, 3)
@@ -209,9 +207,17 @@ class LikelyPose:
     """
 
     stamp_s: float
-    measured_s: float
     pose: FloatArray
     covariance: FloatArray
+
+    @property
+    def variance_m2(self) -> float:
+        """The sum of the variances of x and y."""
+        return float(np.trace(self.covariance[:2, :2]))
+
+    def is_within(self, box_m: FloatArray) -> bool:
+        """Return whether the position is in a box (2, q)."""
+        return bool(np.all((box_m[0] <= self.pose[:2]) & (self.pose[:2] <= box_m[1])))
 
     def carried(self, snapshot: Snapshot, robot: str) -> LikelyPose | None:
         """Return the pose at the time of a snapshot; None if odometry does not reach back."""
@@ -229,9 +235,8 @@ class LikelyPose:
         errors = np.diag([off_m2, off_m2, error_rad**2 / UNIFORM])
         return LikelyPose(
             snapshot.stamp_s,
-            self.measured_s,
             np.array([x + dx, y + dy, yaw_rad + turn_rad]),
-            change @ self.covariance @ change.T + errors,
+            _sum_at_worst(change @ self.covariance @ change.T, errors),
         )
 
 
@@ -241,31 +246,29 @@ def carried_on(
     """
     Return a placement among anchors, and the likeliest poses of its robots.
 
-    A robot that has not been measured since its last fit gets the pose of that fit, carried to
-    now by its odometry.
+    Where the pose of an earlier fit, carried to now by odometry, is known better than that of the
+    last fit, and is inside the enclosure, it replaces that.
     """
     positions_m, covariances = placement.positions_m.copy(), placement.covariances
     yaws_rad, poses = placement.fitted_yaws_rad, dict[str, LikelyPose]()
     if covariances is None or yaws_rad is None:
         return placement, poses
     covariances, yaws_rad = covariances.copy(), yaws_rad.copy()
-    measured_s = _newest_observations_s(snapshot)
-    measured_now = {snapshot.config.robot_of(end) for key in snapshot.keys for end in key.ends}
     for row, robot in enumerate(snapshot.config.robots):
-        newest_s, known = measured_s.get(robot, -math.inf), before.get(robot)
-        carried = None
-        if known is not None and robot not in measured_now and newest_s <= known.measured_s:
-            carried = known.carried(snapshot, robot)
         among = np.ix_([row], AXES, AXES)
-        if carried is not None:
-            poses[robot] = carried
-            low_m, high_m = placement.enclosure_m[row]
-            positions_m[row] = np.clip(carried.pose[:2], low_m, high_m)
-            covariances[among], yaws_rad[row] = carried.covariance, carried.pose[2]
-        elif np.isfinite(covariances[among]).all() and np.isfinite(yaws_rad[row]):
+        fitted = None
+        if np.isfinite(covariances[among]).all() and np.isfinite(yaws_rad[row]):
             pose = np.array([*positions_m[row], yaws_rad[row]])
-            stamp_s = snapshot.stamp_s
-            poses[robot] = LikelyPose(stamp_s, newest_s, pose, covariances[among][0])
+            fitted = LikelyPose(snapshot.stamp_s, pose, covariances[among][0])
+        carried = before[robot].carried(snapshot, robot) if robot in before else None
+        if carried is None or not carried.is_within(placement.enclosure_m[row]):
+            best = fitted
+        else:
+            best = fitted if fitted and fitted.variance_m2 <= carried.variance_m2 else carried
+        if best is not None:
+            poses[robot] = best
+            positions_m[row], yaws_rad[row] = best.pose[:2], best.pose[2]
+            covariances[among] = best.covariance
     moved = bool(np.any(positions_m != placement.positions_m))
     placement = replace(
         placement,
@@ -277,10 +280,9 @@ def carried_on(
     return placement, poses
 
 
-def _newest_observations_s(snapshot: Snapshot) -> dict[str, float]:
-    """Return the time of the newest observation by or of each robot."""
-    config, newest_s = snapshot.config, dict[str, float]()
-    for ends, seen in snapshot.window.observations.items():
-        for robot in map(config.robot_of, ends):
-            newest_s[robot] = max(newest_s.get(robot, -math.inf), seen[-1].stamp_s)
-    return newest_s
+def _sum_at_worst(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return a bound of the covariance of the sum of two errors, however they correlate."""
+    if not first.any():
+        return second
+    share = math.sqrt(np.trace(second) / np.trace(first))
+    return (1.0 + share) * first + (1.0 + 1.0 / share) * second
