@@ -113,9 +113,10 @@ INTERVAL = [
     ),
 ]
 
-LINE = ('test/solver/test_line.py', 'test/solver/test_sides.py')
-PROJECTION = ('test/solver/test_projection.py',)
-BACK = ('test/solver/test_back_projection.py',)
+HUNT = 'test/solver/test_never_loses.py'
+LINE = ('test/solver/test_line.py', 'test/solver/test_sides.py', HUNT)
+PROJECTION = ('test/solver/test_projection.py', HUNT)
+BACK = ('test/solver/test_back_projection.py', HUNT)
 
 CONTRACT = [
     *_in(

@@ -9,7 +9,7 @@ import pytest
 from solver_cases import bounds, box_of, determinant, squared_distances
 
 from dg_localization import Chirality, Problem, Side, SideConstraint, Verdict, solve
-from dg_localization.solver.contract.sides import chiralities_are_possible, volume_product
+from dg_localization.solver.contract.sides import volume_product
 
 
 def volume(positions, simplex):
@@ -34,28 +34,6 @@ def test_volume_product_holds_the_exact_product(seed):
     assert low <= exact <= high
     if width == 0.0:
         assert high - low <= 1e-13 * float(max(squared.max(), 1)) ** dimension
-
-
-@pytest.mark.parametrize('dimension', [1, 2, 3])
-def test_handedness(dimension):
-    """The true signs are possible; one turned over is not, where the box is tight."""
-    rng = np.random.default_rng(dimension)
-    for _ in range(50):
-        positions = rng.integers(-9, 10, size=(dimension + 4, dimension))
-        simplices = np.array(
-            [rng.permutation(len(positions))[: dimension + 1] for _ in range(3)], dtype=np.int64
-        )
-        volumes = [volume(positions, simplex) for simplex in simplices]
-        squared = squared_distances(positions)
-        box = box_of(1.0 * squared, 1.0 * squared)
-        if 0 in volumes:
-            continue
-        signs = np.sign(volumes).astype(np.int64)
-        flips = [np.where(np.arange(3) == flipped, -1, 1) for flipped in range(3)]
-        for factors, possible in ((1, True), (-1, True), *((flip, False) for flip in flips)):
-            turned = zip(simplices.tolist(), signs * factors, strict=True)
-            known = [Chirality(*pair) for pair in turned]
-            assert chiralities_are_possible(box, known) is possible
 
 
 # A unit square 0 1 2 3, counter-clockwise, with one diagonal known: two triangles on 0-2.
