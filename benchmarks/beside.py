@@ -10,7 +10,8 @@ Every method gets the same readings with the same affine correction, learned on 
 of a recording, and is measured on the rest. The extended Kalman filter and the factor graph start
 at the true pose; least squares and ours get no start. A method is confidently wrong where the true
 error is beyond three of its stated deviations (by the Mahalanobis distance, 99.73 %). For ours the
-guaranteed enclosure is counted too. The factor graph needs `pip install gtsam` (extra `compare`).
+guaranteed enclosure is counted too. Of MRCLAM, each of five robots is a recording of its ranges to
+landmarks, without bearings. The factor graph needs `pip install gtsam` (extra `compare`).
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks import robots
 from dg_localization.fleet import (
     Anchor,
     FleetConfig,
@@ -34,6 +36,7 @@ from dg_localization.fleet import (
     RangeErrorModel,
     warm_up,
 )
+from dg_localization.fleet.rotations import rotation_of_quaternion
 
 FloatArray = NDArray[np.float64]
 
@@ -48,6 +51,13 @@ SQUARED_3_SIGMA = {2: 11.829, 3: 14.156}
 
 WINDOW_S = 30.0
 
+RECORDINGS = (
+    *('plaza1', 'labyrinth', 'rcv2', 'rcv5', 'rcv6', 'starloc_v2_s5'),
+    *(f'mrclam/{robot}' for robot in robots.ROBOTS),
+    *(f'mrclam5a/{robot}' for robot in 'ABCDE'),
+)
+"""TIERS has no anchors, and the tags of lias_uwb stand."""
+
 
 @dataclass(frozen=True)
 class Recording:
@@ -60,11 +70,18 @@ class Recording:
     truth: FloatArray
     max_speed_m_s: float
     dimension: int
+    odometry_error: OdometryErrorModel = OdometryErrorModel(
+        translation_per_m=0.05,
+        rotation_per_rad=0.05,
+        rotation_per_m=0.002,
+        constant_m=0.05,
+        constant_rad=0.01,
+    )
 
     @property
     def learned_until_s(self) -> float:
-        """The end of the first quarter of the truth."""
-        return float(np.quantile(self.truth[:, 0], 0.25))
+        """The end of the first quarter of the ranges."""
+        return float(np.quantile([row[0] for row in self.ranges], 0.25))
 
     def place_m(self, stamp_s: FloatArray | float) -> FloatArray:
         """Return the true position at a time."""
@@ -100,26 +117,85 @@ class Answer:
 Method = Callable[[Recording, Bounds, FloatArray], Iterator[Answer | None]]
 
 
-def read(folder: Path) -> Recording:
-    """Read a recording of one robot in the common layout of comma-separated tables."""
+def read(data: Path, name: str) -> Recording:
+    """Read a recording, or what one of its robots measured."""
+    folder, _, robot = name.partition('/')
+    if folder == 'mrclam':
+        return read_mrclam(data / folder, int(robot))
+    return read_factor_graph(data / folder, robot) if robot else read_tables(data / folder)
+
+
+def read_tables(folder: Path) -> Recording:
+    """Read a recording of one robot, or of one tag on it, from comma-separated tables."""
+    rows = [line.split(',') for line in (folder / 'ranges.csv').read_text().split()[1:]]
+    ranged = {row[-2] for row in rows}
     anchors = {
         row[0]: np.array([float(x) for x in row[1:]])
         for row in (line.split(',') for line in (folder / 'anchors.csv').read_text().split()[1:])
+        if row[0] in ranged
     }
-    rows = [line.split(',') for line in (folder / 'ranges.csv').read_text().split()[1:]]
-    odometry = folder / 'odometry.csv'
+    odometry, mounts = folder / 'odometry.csv', folder / 'mounts.csv'
     dimension = len(next(iter(anchors.values())))
     truth = np.loadtxt(folder / 'truth.csv', delimiter=',', skiprows=1)
+    if mounts.exists():
+        # The first sensor is the tag: its place is what ranges alone can tell.
+        tag_m = np.loadtxt(mounts, delimiter=',', skiprows=1, usecols=(1, 2, 3))[0]
+        truth[:, 1:4] += rotation_of_quaternion(truth[:, 4:8]) @ tag_m
     steps = np.diff(truth[:, 1 : 1 + dimension], axis=0)
     speeds_m_s = np.linalg.norm(steps, axis=1) / np.maximum(np.diff(truth[:, 0]), 0.02)
     return Recording(
         folder.name,
         anchors,
-        sorted((float(row[0]), row[1], float(row[2])) for row in rows),
+        sorted((float(row[0]), row[-2], float(row[-1])) for row in rows),
         np.loadtxt(odometry, delimiter=',', skiprows=1) if odometry.exists() else np.empty((0, 4)),
         truth,
         1.2 * float(np.quantile(speeds_m_s, 0.999)),
         dimension,
+    )
+
+
+def read_mrclam(folder: Path, number: int) -> Recording:
+    """Read what one of five robots measured of the landmarks, without bearings."""
+    robot = robots.Recording.load(folder / robots.EXCERPT, number)
+    stamps_s, places_m, yaws_rad = robot.track
+    return Recording(
+        f'{folder.name}/{number}',
+        {str(landmark): place_m for landmark, place_m in robot.landmarks.items()},
+        [(row[0], str(int(row[1])), row[2]) for row in robot.sightings],
+        np.column_stack([stamps_s, places_m[:, :2], yaws_rad]),
+        robot.truth,
+        robots.SPEED_M_S,
+        2,
+        robots.odometry_error(0.2),
+    )
+
+
+def read_factor_graph(folder: Path, letter: str) -> Recording:
+    """Read what one of five robots measured of the landmarks, without bearings."""
+    path = folder / f'{folder.name}.pyfg'
+    rows = [line.split() for line in path.read_text().splitlines()]
+    mine = [row for row in rows if len(row) > 2 and row[2].startswith(letter)]
+    truth = np.array([row[1:2] + row[3:6] for row in mine if row[0] == 'VERTEX_SE2'], float)
+    pose, way = np.zeros(3), [[truth[0, 0], 0.0, 0.0, 0.0]]
+    for row in mine:
+        if row[0] == 'EDGE_SE2':
+            dx, dy, turn = map(float, row[4:7])
+            c, s = math.cos(pose[2]), math.sin(pose[2])
+            pose = pose + [c * dx - s * dy, s * dx + c * dy, turn]
+            way.append([float(row[1]), *pose])
+    return Recording(
+        f'{folder.name}/{letter}',
+        {row[1]: np.array(row[2:4], float) for row in rows if row[0] == 'VERTEX_XY'},
+        [
+            (float(row[1]), row[3], math.hypot(float(row[4]), float(row[5])))
+            for row in mine
+            if row[0] == 'EDGE_SE2_XY'
+        ],
+        np.array(way),
+        truth,
+        robots.SPEED_M_S,
+        2,
+        robots.odometry_error(0.2),
     )
 
 
@@ -158,13 +234,7 @@ def ours(recording: Recording, bounds: Bounds, ticks_s: FloatArray) -> Iterator[
         range_error=RangeErrorModel(bounds.low_m, bounds.high_m, 0.0, 0.0),
         max_speed_m_s=recording.max_speed_m_s,
         max_turn_rate_rad_s=2.0,
-        odometry_error=OdometryErrorModel(
-            translation_per_m=0.05,
-            rotation_per_rad=0.05,
-            rotation_per_m=0.002,
-            constant_m=0.05,
-            constant_rad=0.01,
-        ),
+        odometry_error=recording.odometry_error,
         memory_s=WINDOW_S if len(recording.odometry) else 0.0,
         memory_max_seconds=math.inf,
         window_outliers=1,
@@ -218,7 +288,8 @@ def kalman(recording: Recording, bounds: Bounds, ticks_s: FloatArray) -> Iterato
                 state, covariance = _coasted(state, covariance, stamp_s - now_s, q)
             if kind == 'odometry':
                 if previous is not None:
-                    state, covariance = _moved(state, covariance, previous, values)
+                    noise = recording.odometry_error
+                    state, covariance = _moved(state, covariance, previous, values, noise)
                 previous = values
             else:
                 line = state[:q] - recording.anchors[str(values[0])]
@@ -246,7 +317,11 @@ def _coasted(
 
 
 def _moved(
-    state: FloatArray, covariance: FloatArray, before: tuple, after: tuple
+    state: FloatArray,
+    covariance: FloatArray,
+    before: tuple,
+    after: tuple,
+    error: OdometryErrorModel,
 ) -> tuple[FloatArray, FloatArray]:
     """Move a pose in the plane on by a step of odometry."""
     dx, dy = after[0] - before[0], after[1] - before[1]
@@ -254,8 +329,8 @@ def _moved(
     step = np.array([c * dx - s * dy, s * dx + c * dy, after[2] - before[2]])
     change = np.eye(3)
     change[:2, 2] = -step[1], step[0]
-    way2 = (0.05**2) * math.hypot(dx, dy) + 1e-6
-    noise = np.diag([way2, way2, 0.05**2 * abs(step[2]) + 1e-7])
+    way2 = error.translation_per_m**2 * math.hypot(dx, dy) + 1e-6
+    noise = np.diag([way2, way2, error.rotation_per_rad**2 * abs(step[2]) + 1e-7])
     return state + step, change @ covariance @ change.T + noise
 
 
@@ -346,7 +421,7 @@ def smoother(recording: Recording, bounds: Bounds, ticks_s: FloatArray) -> Itera
                 continue
             way.append(event)
             if ranges or len(way) >= 5:
-                step = (number, before, way, pose)
+                step = (number, before, way, pose, recording.odometry_error)
                 number, before, pose = _add_step(gtsam, graph, values, *step)
                 for name, range_m in ranges:
                     graph.add(gtsam.RangeFactor2D(number, landmarks[name], range_m, robust))
@@ -360,12 +435,13 @@ def smoother(recording: Recording, bounds: Bounds, ticks_s: FloatArray) -> Itera
         yield Answer(np.array([pose.x(), pose.y()]), covariance, heading_known=True)
 
 
-def _add_step(gtsam, graph, values, number, before, way, pose) -> tuple:  # type: ignore[no-untyped-def]
+def _add_step(gtsam, graph, values, number, before, way, pose, error) -> tuple:  # type: ignore[no-untyped-def]
     """Add a pose and the odometry since the pose before."""
     first = gtsam.Pose2(*(way[0] if before is None else before))
     step = first.between(gtsam.Pose2(*way[-1]))
     way_m = max(math.hypot(step.x(), step.y()), 1e-3)
-    noise = np.array([0.05 * way_m + 1e-3] * 2 + [0.05 * abs(step.theta()) + 2e-3])
+    turned = error.rotation_per_rad * abs(step.theta()) + 2e-3
+    noise = np.array([error.translation_per_m * way_m + 1e-3] * 2 + [turned])
     model = gtsam.noiseModel.Diagonal.Sigmas(noise)
     graph.add(gtsam.BetweenFactorPose2(number, number + 1, step, model))
     moved = pose.compose(step)
@@ -419,8 +495,8 @@ def main() -> None:
     print('| recording | method | answers | error (m) | 95 % | greatest ', end='')
     print('| confidently wrong | outside the set | heading | ms |')
     print('|' + '---|' * 10)
-    for name in arguments.only or ('plaza1', 'labyrinth', 'rcv2', 'rcv5', 'rcv6'):
-        recording = read(arguments.data / name)
+    for name in arguments.only or RECORDINGS:
+        recording = read(arguments.data, name)
         bounds = learn(recording)
         for title, method in METHODS.items():
             try:
