@@ -1,65 +1,16 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Linear combinations against exact rationals, the truth, and the linear program they bound."""
+"""Linear combinations keep the truth, whatever placement their multipliers are chosen at."""
 
-from fractions import Fraction
 from itertools import combinations
 import math
 
-from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 from solver_cases import box_of, squared_distances
 
 from dg_localization.solver.contract.linear import contract_linear
-from dg_localization.solver.contract.linearization import Linearization, bound_linear_function
-
-
-def outward(x):
-    """Return the doubles around a rational, its own where it is one."""
-    near = float(x)
-    if Fraction(near) == x:
-        return near, near
-    return math.nextafter(near, -math.inf), math.nextafter(near, math.inf)
-
-
-@given(st.integers(0, 2**32))
-def test_any_multipliers_bound_a_linear_function(seed):
-    rng = np.random.default_rng(seed)
-    n_points, dimension = int(rng.integers(2, 6)), int(rng.integers(1, 4))
-    unit = 2.0 ** rng.choice([-400, -30, 0, 370])
-    reference = rng.integers(-(2**24), 2**24 + 1, (n_points, dimension)) * unit
-    displacements = rng.integers(-(2**20), 2**20 + 1, (n_points, dimension)) * unit / 2**30
-    edges = np.array(list(combinations(range(n_points), 2)), dtype=np.int64)
-    exact = [[Fraction(x) for x in row] for row in displacements.tolist()]
-    residuals = []
-    for i, j in edges.tolist():
-        arms = (reference[i] - reference[j]).tolist()
-        along = [2 * Fraction(arm) for arm in arms]
-        relative = [x - y for x, y in zip(exact[i], exact[j], strict=True)]
-        residuals.append(outward(sum(a * b for a, b in zip(along, relative, strict=True))))
-    multipliers = rng.normal(size=len(edges)) * rng.choice([0.0, 1e-300, 1.0, 1e300], len(edges))
-    if rng.random() < 0.3:
-        multipliers[rng.integers(len(edges))] = rng.choice([math.inf, -math.inf, math.nan])
-    target = rng.normal(size=(n_points, dimension))
-    slack = np.abs(displacements) * rng.choice([0.0, 1.0]) + 0.0
-    linear = Linearization(
-        reference,
-        edges,
-        2.0 * (reference[edges[:, 0]] - reference[edges[:, 1]]),
-        np.arange(n_points * dimension).reshape(n_points, dimension),
-        np.stack([displacements - slack, displacements + slack], axis=1),
-        np.array(residuals),
-        np.empty((2, n_points, dimension)),
-    )
-    low, high = bound_linear_function(linear, multipliers, target)
-    value = sum(
-        Fraction(t) * e
-        for row, of_point in zip(target.tolist(), exact, strict=True)
-        for t, e in zip(row, of_point, strict=True)
-    )
-    assert low <= value <= high
 
 
 def references(positions, rng):

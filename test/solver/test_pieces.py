@@ -34,19 +34,6 @@ def strip(length, **constraints):
     return known(strip_m(length), fours, **constraints)
 
 
-@pytest.mark.parametrize('angle_rad', np.linspace(0.0, 6.0, 13))
-@pytest.mark.parametrize('mirrored', [False, True])
-def test_every_turn_of_a_hinge_is_in_the_answer(angle_rad, mirrored):
-    result = solve(known(TWO_FOURS_M, FOURS))
-    turn = np.array(
-        [[np.cos(angle_rad), np.sin(angle_rad)], [-np.sin(angle_rad), np.cos(angle_rad)]]
-    )
-    turned = TWO_FOURS_M.copy()
-    arms = (turned[3:] - turned[3]) * ([1.0, -1.0] if mirrored else 1.0)
-    turned[3:] = turned[3] + arms @ turn
-    assert not missing(result, turned)
-
-
 def test_a_least_distance_that_no_fold_reaches_is_a_contradiction():
     result = solve(strip(2, apart={(0, 4): 400.0}))
     assert result.verdict is Verdict.INFEASIBLE
