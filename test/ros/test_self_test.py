@@ -16,6 +16,7 @@ def test_every_check_is_printed_with_its_figure(capsys, tmp_path, monkeypatch):
     (tmp_path / 'dg_localization').mkdir()
     (tmp_path / 'dg_localization/__init__.py').write_text("raise ImportError('not installed')")
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr('dg_localization.ros.self_test.MEASURE_S', 4.0)
     code = self_test([])
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[1] for line in lines] == list(CHECKS)
