@@ -1,7 +1,7 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The ranges of projection (Section 4.1) against exact rationals and against brute force."""
+"""The ranges of projection (Section 4.1): exact ends, sharpness, and what becomes of gaps."""
 
 from fractions import Fraction
 import itertools
@@ -18,22 +18,6 @@ from dg_localization.solver.contract.projection import T_LOWER, T_UPPER, make_ro
 
 # Room for the rounding of a bound: a few units of the largest term it is made of.
 UNITS = 1e-14
-
-
-def is_in_range(numerator, c, low, high):
-    """Tell exactly whether low <= numerator / (2 sqrt(c)) <= high."""
-
-    def not_above(x, y_numerator):  # x <= y, by the squares of like signs
-        x = Fraction(x)
-        if (x < 0) != (y_numerator < 0):
-            return x < 0
-        smaller = 4 * c * x * x <= y_numerator**2
-        larger = 4 * c * x * x >= y_numerator**2
-        return larger if x < 0 else smaller
-
-    return (math.isinf(low) or not_above(low, numerator)) and (
-        math.isinf(high) or not_above(-high, -numerator)
-    )
 
 
 def difference_of_coordinates(ends, d_low, d_high):
@@ -78,42 +62,17 @@ def project_box(box, a, b):
     return projected, coordinates, points.tolist(), rows._replace(points=points)
 
 
-def exact_projection(squared):
-    """Return squared distances across the axis from 0 to 1, as rationals, of integer ones."""
-    a, b, c = squared[0].tolist(), squared[1].tolist(), int(squared[0, 1])
-    numerators = [x - y + c for x, y in zip(a, b, strict=True)]
-    n_points = len(a)
-    projected = np.full((n_points, n_points), Fraction(0))
-    for i in range(2, n_points):
-        projected[0, i] = projected[i, 0] = a[i] - Fraction(numerators[i] ** 2, 4 * c)
-        for j in range(2, n_points):
-            along = Fraction((numerators[i] - numerators[j]) ** 2, 4 * c)
-            projected[i, j] = int(squared[i, j]) - along
-    return projected
-
-
-@pytest.mark.parametrize('relative_width', [0.0, 1e-9, 0.05])
 @pytest.mark.parametrize('dimension', [2, 3])
-def test_project_holds_the_projected_fleet(dimension, relative_width):
+def test_exact_distances_are_projected_to_nearly_exact_ones(dimension):
+    """That the true ones are not lost is shown by the hunts."""
     rng = np.random.default_rng(dimension)
     for _ in range(100):
-        positions = rng.integers(-30, 31, size=(6, dimension))
-        squared = squared_distances(positions)
+        squared = squared_distances(rng.integers(-30, 31, size=(6, dimension)))
         if squared[0, 1] == 0:
             continue
-        box = box_of(squared * (1.0 - relative_width), squared * (1.0 + relative_width))
-        found = project_box(box, 0, 1)
-        assert found is not None
-        projected, coordinates, points, _ = found
+        projected, _, points, _ = project_box(box_of(1.0 * squared, 1.0 * squared), 0, 1)
         assert points == [2, 3, 4, 5, 0]
-        exact, c = exact_projection(squared), int(squared[0, 1])
-        for i in (2, 3, 4, 5):
-            numerator = int(squared[0, i]) - int(squared[1, i]) + c
-            assert is_in_range(numerator, c, *coordinates[:, i].tolist())
-            for j in points:
-                assert i == j or projected[0, i, j] <= exact[i, j] <= projected[1, i, j]
-        if relative_width == 0.0:
-            assert np.max(projected[1] - projected[0]) <= 1e-11 * squared.max() ** 2 / c
+        assert np.max(projected[1] - projected[0]) <= 1e-11 * squared.max() ** 2 / squared[0, 1]
 
 
 def test_project_carries_gaps_and_leaves_out_what_is_infinitely_far():
