@@ -13,19 +13,20 @@ between them that agrees is returned.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.best_point.least_squares import Bodies, Fit, fit_terms
+from dg_localization.fleet.best_point.least_squares import Bodies, Fit, equations_at, fit_terms
 from dg_localization.fleet.best_point.normal_equations import SHORTEST_M
 from dg_localization.fleet.best_point.past import Misfit, Past
 from dg_localization.fleet.best_point.terms import (
     LEAST_HALF_WIDTH,
     MOST_BODIES,
+    RANGE,
     RAY,
     UNIFORM,
     Term,
@@ -169,7 +170,7 @@ class BestPointFinder:
         best_m = self._with_sensors(fit, enclosure)
         positions_m, proved = _agreeing(problem, start_m, best_m)
         n_points = len(start_m)
-        covariances = _covariances(fit, spread, n_points)
+        covariances = _covariances(terms, fit, spread, n_points)
         cost = fit.cost / max(1, len(terms.kinds))
         rotations = fit.bodies.rotations[:n_points]
         return BestPoint(positions_m, proved, rotations, covariances, cost, misfits)
@@ -269,12 +270,51 @@ def _agreeing(
     return start_m + share * (best_m - start_m), True
 
 
-def _covariances(fit: Fit, spread: FloatArray | None, n_points: int) -> FloatArray:
+def _covariances(terms: Terms, fit: Fit, spread: FloatArray | None, n_points: int) -> FloatArray:
     """
     Return the covariance of the position and rotation of each point.
 
-    `spread` is the summed outer product of the gradients of dependent errors. For independent
-    errors that is the matrix of the fit.
+    `spread` is the summed outer product of the gradients of dependent errors, after a robust fit.
+    For independent errors that is the matrix of the fit.
+    """
+    rows = fit.columns[:n_points]
+    excess = np.zeros_like(fit.matrix) if spread is None else spread - fit.matrix
+    joint = _joint_covariance(fit, excess, n_points)
+    # What ranges change to second order within this covariance counts as a further error.
+    curved = _curvatures(terms, fit, joint[rows[:, :3, None, None], rows[:, :3]])
+    widened = terms._replace(weights=terms.weights / np.hypot(1.0, curved))
+    matrix, _ = equations_at(widened, fit, robust=spread is not None)
+    joint = _joint_covariance(replace(fit, matrix=matrix), excess, n_points)
+    return np.asarray(joint[rows[:, :, None], rows[:, None, :]])
+
+
+def _curvatures(terms: Terms, fit: Fit, covariance_m2: FloatArray) -> FloatArray:
+    """
+    Return the second-order changes of ranges, in half widths; zero for other terms.
+
+    A range d grows by t^2 / (2 d) if an end moves by t across it. The covariance of the positions
+    has the shape (n, 3, n, 3).
+    """
+    n_points = len(covariance_m2)
+    ranges = np.flatnonzero((terms.kinds == RANGE) & (terms.bodies < n_points).all(axis=1))
+    ends, (first, second) = terms.bodies[ranges], terms.bodies[ranges].T
+    arms_m = np.einsum('mbij,mbj->mbi', fit.bodies.rotations[ends], terms.arms_m[ranges])
+    lines_m = np.diff(fit.bodies.positions_m[ends] + arms_m, axis=1)[:, 0]
+    lengths_m = np.maximum(np.linalg.norm(lines_m, axis=1), SHORTEST_M)
+    along = lines_m / lengths_m[:, None]
+    apart = covariance_m2[first, :, first] + covariance_m2[second, :, second]
+    apart = apart - covariance_m2[first, :, second] - covariance_m2[second, :, first]
+    across_m2 = np.trace(apart, axis1=1, axis2=2) - np.einsum('mi,mij,mj->m', along, apart, along)
+    curved = np.zeros(len(terms.kinds))
+    curved[ranges] = UNIFORM * terms.weights[ranges] * across_m2 / (2.0 * lengths_m)
+    return curved
+
+
+def _joint_covariance(fit: Fit, excess: FloatArray, n_points: int) -> FloatArray:
+    """
+    Return the covariance of the free coordinates of the points, followed by a row of zeros.
+
+    `excess` is what dependent errors add to the summed outer product of the gradients.
     """
     bodies = fit.bodies
     sides_m = np.maximum(bodies.upper_m - bodies.positions_m, bodies.positions_m - bodies.lower_m)
@@ -289,14 +329,12 @@ def _covariances(fit: Fit, spread: FloatArray | None, n_points: int) -> FloatArr
     inverse = _inverse(
         equations[:size, :size] + equations[:size, size:] @ before, variances[:size]
     )
-    if spread is not None:
-        gain = inverse @ np.hstack([np.eye(size), before.T])
-        inverse = inverse + gain @ (UNIFORM * (spread - fit.matrix)) @ gain.T
+    gain = inverse @ np.hstack([np.eye(size), before.T])
+    inverse = inverse + gain @ (UNIFORM * excess) @ gain.T
+    # The last row, -1, stands for coordinates that are left out.
     everything = np.zeros((size + 1, size + 1))
     everything[:size, :size] = 0.5 * (inverse + inverse.T)
-    # The last row, -1, stands for coordinates that are left out.
-    rows = fit.columns[:n_points]
-    return np.asarray(everything[rows[:, :, None], rows[:, None, :]])
+    return everything
 
 
 def _inverse(equations: FloatArray, variances: FloatArray) -> FloatArray:

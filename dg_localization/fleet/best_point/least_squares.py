@@ -150,11 +150,11 @@ def _small_rotations(turns_rad: FloatArray) -> FloatArray:
     return np.asarray(np.eye(3) + turned)
 
 
-def equations_at(terms: Terms, fit: Fit) -> tuple[FloatArray, FloatArray]:
+def equations_at(terms: Terms, fit: Fit, *, robust: bool = False) -> tuple[FloatArray, FloatArray]:
     """Return the normal equations (matrix and vector) of other terms at the result of a fit."""
     matrix, vector = np.empty_like(fit.matrix), np.empty(len(fit.matrix))
     placed = fit.bodies.positions_m, fit.bodies.rotations, fit.columns
-    normal_equations(*terms, False, *placed, matrix, vector)
+    normal_equations(*terms, robust, *placed, matrix, vector)
     return matrix, vector
 
 
