@@ -80,6 +80,7 @@ def read_truth_file(path, robots, dimension):
 
 
 TILTED, QUATERNION = quaternion_of_euler(0.1, -0.2, 0.5), 'stamp,robot,x,y,z,qx,qy,qz,qw\n1,a,2,3,'
+EUROC = '#timestamp,p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []'
 
 
 @pytest.mark.parametrize(
@@ -90,6 +91,7 @@ TILTED, QUATERNION = quaternion_of_euler(0.1, -0.2, 0.5), 'stamp,robot,x,y,z,qx,
         (2, 'stamp,robot,x,y,z\n1,a,2,3,\n', None),
         *((q, f'{QUATERNION}0,{",".join(map(str, TILTED))}\n', TILTED) for q in (2, 3)),
         *((q, f'{QUATERNION}0,,,,\n', None) for q in (2, 3)),
+        (2, f'{EUROC}\n1,2,3,0,{",".join(map(str, np.roll(TILTED, 1)))}\n', TILTED),
     ],
 )
 def test_a_table_tells_what_is_known(tmp_path, dimension, table, turn):
@@ -136,6 +138,7 @@ def test_the_report_says_that_a_table_tells_no_orientation_in_space(
 ROWS = [(START_NS // 10**9 + step / 10, robot) for step in range(21) for robot in 'abc']
 TABLES = {
     'blanks after commas': ('truth.csv', 'stamp, robot, x, y', '{t:.3f}, {r}, {x}, {y}'),
+    'units': ('truth.csv', 'stamp [s],robot,x [m],y [m]', '{t:.3f},{r},{x},{y}'),
     'semicolons': ('truth.csv', 'stamp;robot;x;y', '{t:.3f};{r};{x};{y}'),
     'capitals': ('TRUTH.CSV', 'Time,Robot,X,Y', '{t:.3f},{r},{x},{y}'),
     'nanoseconds': ('truth.csv', 'timestamp,robot,x,y', '{t:.1f}e9,{r},{x},{y}'),

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from itertools import zip_longest
 import math
 from pathlib import Path
+import re
 from typing import Any
 
 import numpy as np
@@ -40,7 +41,8 @@ TUM = ('stamp', 'x', 'y', 'z', *QUATERNION)
 """The columns of a file without a header line."""
 
 SYNONYMS = {'timestamp': 'stamp', 'time': 'stamp', 't': 'stamp', 'name': 'robot'}
-SYNONYMS |= {f't{axis}': axis for axis in 'xyz'}
+AXIS = re.compile(r'([pqt]?)(?:_\w+)?_?([wxyz])')
+"""A coordinate as TUM (`tx`) and EuRoC (`p_RS_R_x`, `q_RS_w`) name it."""
 
 UNITS = (('nanoseconds', 1e-9, 1e17), ('microseconds', 1e-6, 1e14), ('milliseconds', 1e-3, 1e11))
 """Units of stamps that are too large for seconds: name, factor, and least stamp."""
@@ -215,7 +217,7 @@ def read_columns(path: Path) -> tuple[Sequence[str], list[tuple[int, dict[str, s
         is_data = cells[:1] and cells[0][:1] in '+-.0123456789n' and cells[0] != 'name'
         # A comment may name the columns, as in files in TUM format.
         if not rows and not is_named and not is_data:
-            names = [SYNONYMS.get(cell.lower(), cell.lower()) for cell in cells]
+            names = [_column(cell) for cell in cells]
             is_named = line[0] != '#'
         elif line[0] != '#':
             rows.append((number, cells))
@@ -224,6 +226,15 @@ def read_columns(path: Path) -> tuple[Sequence[str], list[tuple[int, dict[str, s
     return names, [
         (n, dict(zip_longest(names, cells[: len(names)], fillvalue=''))) for n, cells in rows
     ]
+
+
+def _column(cell: str) -> str:
+    """Return the name of a column from a cell of the header, which may have a unit."""
+    name = cell.lower().partition('[')[0].strip()
+    axis = AXIS.fullmatch(name)
+    if axis is None:
+        return SYNONYMS.get(name, name)
+    return f'q{axis[2]}' if axis[1] == 'q' else axis[2]
 
 
 def _pose_of(row: dict[str, str], dimension: int) -> tuple[float, Any, Any]:
