@@ -140,7 +140,8 @@ def _fleet_warnings(report: Report) -> Iterator[str]:
             yield str(offender)
     if report.rejecting:
         key, reason = next(iter(report.rejecting.items()))
-        yield shortened(f'{len(report.rejecting)} inputs reject readings, such as {key}: {reason}')
+        number = len(report.rejecting)
+        yield shortened(f'inputs that reject readings: {number}, such as {key}: {reason}')
     yield from report.warnings
 
 
