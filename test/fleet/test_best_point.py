@@ -224,9 +224,9 @@ def test_best_points_are_as_far_off_as_their_covariances_say(name):
     assert row.median_m < 0.3 or name != 'ranges-coarse'
 
 
-def off_in_recording(folder, count):
+def off_in_recording(data, name, count):
     """Return how far points are off, in m and in deviations (Mahalanobis), in a recording."""
-    recording = beside.read(folder)
+    recording = beside.read(data, name)
     ticks_s = np.linspace(recording.learned_until_s, recording.truth[-1, 0], count + 1)[1:]
     off = []
     for tick_s, answer in zip(
@@ -242,12 +242,12 @@ def off_in_recording(folder, count):
 
 def test_a_robot_is_not_lost_in_a_gap_of_readings(shared):
     """Between two ranges of this recording there are up to 97 s; answers are 48 s apart."""
-    off_m, _ = off_in_recording(shared / 'data/plaza1', 30)
+    off_m, _ = off_in_recording(shared / 'data', 'plaza1', 30)
     assert off_m.max() < 2.0
 
 
 @pytest.mark.parametrize('name', ['rcv2', 'rcv5'])
 def test_points_on_an_arc_are_as_far_off_as_their_covariances_say(shared, name):
     """Anchors nearly in line leave an arc about their line, which no tangent covers."""
-    _, deviations = off_in_recording(shared / 'data' / name, 60)
+    _, deviations = off_in_recording(shared / 'data', name, 60)
     assert np.mean(deviations > math.sqrt(beside.SQUARED_3_SIGMA[3])) <= 0.02
