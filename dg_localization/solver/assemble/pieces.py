@@ -239,14 +239,8 @@ def search_piece(
 ) -> Search:
     """Solve a piece in parts if it has several and they finish in time, else as one."""
     parts = _hidden_parts(problem, budget)
-    search = parts and _search_in_parts(problem, parts, budget, share, within)
-    return search or search_together(problem, budget, share, within)
-
-
-def search_together(
-    problem: Problem, budget: Budget, share: float, within: Sequence[Bounds] | None
-) -> Search:
-    """Solve a piece as one, for one choice of given ranges, with a share of the budget."""
+    if parts and (found := _search_in_parts(problem, parts, budget, share, within)):
+        return found
     cover = solve_grown(problem, budget, share, within)
     if cover is None and problem.n_points > MOST_WHOLE:
         if within is None and problem.n_points <= MOST_TOGETHER and is_known_well(problem):

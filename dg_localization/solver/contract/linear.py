@@ -33,12 +33,9 @@ from dg_localization.solver.contract.newton import (
     set_inverse,
     set_multipliers,
 )
-from dg_localization.solver.contract.widths import largest_gain
+from dg_localization.solver.contract.widths import LEAST_GAIN, largest_gain
 from dg_localization.solver.place.placements import place
 from dg_localization.solver.problem import Problem
-
-NEWTON_STEPS = 3
-"""Most interval Newton steps."""
 
 
 @kernel
@@ -71,7 +68,7 @@ def contract_linear(
     if not set_inverse(widths, linear, inverse):
         return 0.0
     relative = np.empty((len(edges), 2, dimension))
-    if not narrow_displacements(box, linear, relative, NEWTON_STEPS):
+    if not narrow_displacements(box, linear, relative):
         return -1.0
     if not _narrow_all_pairs(box, linear, inverse, errors, explained):
         return -1.0
@@ -145,9 +142,6 @@ def groups_of(problem: Problem, smoothed: FloatArray) -> list[Group]:
     return groups
 
 
-LEAST_COMBINATION_GAIN = 0.5
-"""Linear combinations are repeated while they halve some interval."""
-
 REFERENCE_STEPS = 3
 """Least-squares steps towards the reference placement, which need not meet any bound."""
 
@@ -156,7 +150,7 @@ def combine(
     box: FloatArray, dimension: int, edges: IntArray, errors: FloatArray, explained: FloatArray
 ) -> bool:
     """
-    Narrow connected points by linear combinations of measured pairs, as long as that gains much.
+    Narrow connected points by linear combinations of measured pairs, as long as that gains.
 
     The widths that measurement errors explain are written in m^2 if the measurements make the
     points rigid. Return False if the box is proved to hold no placement.
@@ -165,6 +159,6 @@ def combine(
     positions = place(box, dimension, REFERENCE_STEPS)
     for _ in range(MAX_COMBINATIONS):
         gain = contract_linear(box, positions, edges, errors, explained)
-        if gain < LEAST_COMBINATION_GAIN:
+        if gain < LEAST_GAIN:
             return bool(gain >= 0.0)
     return True

@@ -38,9 +38,6 @@ from dg_localization.solver.contract.newton import (
 )
 from dg_localization.solver.contract.widths import LEAST_GAIN
 
-MOST_STEPS = 20
-"""Most interval Newton steps: in wide boxes each step gains little at first."""
-
 TOLERANCE = 0.03
 """Fraction of their widths by which measured pairs may violate bounds in a linear program."""
 
@@ -66,7 +63,7 @@ def contract_in_frame(
     if n_unknowns < 0:
         return bool(n_unknowns != -1)
     relative = np.empty((len(edges), 2, dimension))
-    if not narrow_displacements(box, linear, relative, MOST_STEPS):
+    if not narrow_displacements(box, linear, relative):
         return False
     programs = _programs_of(linear, n_unknowns)
     if not activate_well_known(programs):

@@ -160,11 +160,12 @@ def leave_out(multipliers: FloatArray, own: int) -> bool:
 MAX_COMBINATIONS = 4
 """Linear combinations of all measured pairs are repeated up to this number of times."""
 
+NEWTON_STEPS = 3
+"""Most interval Newton steps."""
+
 
 @kernel
-def narrow_displacements(
-    box: FloatArray, linear: Linearization, relative: FloatArray, most_steps: int
-) -> bool:
+def narrow_displacements(box: FloatArray, linear: Linearization, relative: FloatArray) -> bool:
     """
     Narrow the displacements and write the residuals of the measured pairs.
 
@@ -179,7 +180,7 @@ def narrow_displacements(
     if not _narrow_relative(linear, relative):
         return False
     set_residuals(box, linear, relative)
-    for _ in range(most_steps):
+    for _ in range(NEWTON_STEPS):
         widths = linear.residuals[:, UPPER] - linear.residuals[:, LOWER]
         if not set_inverse(widths, linear, inverse):
             break

@@ -31,42 +31,31 @@ from dg_localization.solver.result import Statistics
 from dg_localization.solver.search.budget import Budget
 
 
-def choose_split(
-    box: FloatArray, explained: FloatArray, resolution_m: float
-) -> tuple[int, int, float, float] | None:
+def split(pruned: Pruned, resolution_m: float, at_gaps: bool = False) -> list[FloatArray]:
     """
-    Choose a split of a contracted box: at a gap, else where it is too wide, or None.
+    Split a contracted box at a gap, else where it is too wide; return nothing if it is finished.
 
     Of several gaps it takes the one that leaves the least of its interval: both parts are then
     known well, and contraction decides about them. The widest gaps belong to far points, which are
     badly known yet.
     """
+    box = pruned.box
     i, j = pairs_among(box.shape[1])
     low, high, gap_low, gap_high = box[:, i, j]
     width_m, gap_m = np.sqrt(high) - np.sqrt(low), np.sqrt(gap_high) - np.sqrt(gap_low)
     if np.max(width_m, where=high < np.inf, initial=0.0) <= resolution_m:
-        return None
+        return []
     gaps = np.flatnonzero(gap_m > LEAST_GAP * resolution_m)
     if len(gaps):
         x = gaps[np.argmin(width_m[gaps] - gap_m[gaps])]
-        return i[x], j[x], gap_low[x], gap_high[x]
-    is_wide = excess(box, explained, EXPLAINED_FACTOR, resolution_m)[i, j] > 1.0
-    if not is_wide.any():
-        return None
+        return cut_at(box, (i[x], j[x]), gap_low[x], gap_high[x])
+    is_wide = excess(box, pruned.explained, EXPLAINED_FACTOR, resolution_m)[i, j] > 1.0
+    if at_gaps or not is_wide.any():
+        return []
     x = np.argmax(np.where(is_wide, high - low, 0.0))
     # Halves of the squared distance separated better than halves of the distance.
     middle = 0.5 * low[x] + 0.5 * high[x]
-    return i[x], j[x], middle, middle
-
-
-def split(pruned: Pruned, resolution_m: float, at_gaps: bool = False) -> list[FloatArray]:
-    """Split a contracted box."""
-    box = pruned.box
-    found = choose_split(box, pruned.explained, resolution_m)
-    if found is None:
-        return []
-    i, j, low_end, high_start = found
-    return [] if at_gaps and low_end == high_start else cut_at(box, (i, j), low_end, high_start)
+    return cut_at(box, (i[x], j[x]), middle, middle)
 
 
 @dataclass
