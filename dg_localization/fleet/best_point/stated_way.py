@@ -211,9 +211,15 @@ class LikelyPose:
     covariance: FloatArray
 
     @property
-    def variance_m2(self) -> float:
-        """The sum of the variances of x and y."""
-        return float(np.trace(self.covariance[:2, :2]))
+    def variances(self) -> FloatArray:
+        """The variances of x and y (m^2) and of the yaw (rad^2); infinite where unknown."""
+        variances = np.diag(self.covariance)
+        return np.where(np.isnan(self.pose) | np.isnan(variances), np.inf, variances)
+
+    def is_better_than(self, other: LikelyPose) -> bool:
+        """Return whether both the position and the yaw are known better than those of another."""
+        mine, others = self.variances, other.variances
+        return bool(mine[:2].sum() < others[:2].sum() and mine[2] < others[2])
 
     def is_within(self, box_m: FloatArray) -> bool:
         """Return whether the position is in a box (2, q)."""
@@ -246,8 +252,8 @@ def carried_on(
     """
     Return a placement among anchors, and the likeliest poses of its robots.
 
-    Where the pose of an earlier fit, carried to now by odometry, is known better than that of the
-    last fit, and is inside the enclosure, it replaces that.
+    Where the pose of an earlier fit, carried to now by odometry, is inside the enclosure and known
+    better than that of the last fit, it replaces that.
     """
     positions_m, covariances = placement.positions_m.copy(), placement.covariances
     yaws_rad, poses = placement.fitted_yaws_rad, dict[str, LikelyPose]()
@@ -256,19 +262,19 @@ def carried_on(
     covariances, yaws_rad = covariances.copy(), yaws_rad.copy()
     for row, robot in enumerate(snapshot.config.robots):
         among = np.ix_([row], AXES, AXES)
-        fitted = None
-        if np.isfinite(covariances[among]).all() and np.isfinite(yaws_rad[row]):
-            pose = np.array([*positions_m[row], yaws_rad[row]])
-            fitted = LikelyPose(snapshot.stamp_s, pose, covariances[among][0])
+        pose = np.array([*positions_m[row], yaws_rad[row]])
+        fitted = LikelyPose(snapshot.stamp_s, pose, covariances[among][0])
+        if np.isfinite(fitted.variances).all():
+            poses[robot] = fitted
         carried = before[robot].carried(snapshot, robot) if robot in before else None
         if carried is None or not carried.is_within(placement.enclosure_m[row]):
-            best = fitted
+            continue
+        if carried.is_better_than(fitted):
+            positions_m[row], yaws_rad[row] = carried.pose[:2], carried.pose[2]
+            covariances[among] = carried.covariance
+            poses[robot] = carried
         else:
-            best = fitted if fitted and fitted.variance_m2 <= carried.variance_m2 else carried
-        if best is not None:
-            poses[robot] = best
-            positions_m[row], yaws_rad[row] = best.pose[:2], best.pose[2]
-            covariances[among] = best.covariance
+            poses.setdefault(robot, carried)
     moved = bool(np.any(positions_m != placement.positions_m))
     placement = replace(
         placement,
