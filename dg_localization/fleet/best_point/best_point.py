@@ -57,6 +57,10 @@ MOST_SPREAD = 1e12
 """Information smaller than the largest by this factor is lost in rounding errors."""
 
 
+SLIGHT = 0.1
+"""A further error below this, in half widths, widens a covariance by at most 1 %."""
+
+
 @dataclass(frozen=True)
 class BestPoint:
     """
@@ -282,9 +286,10 @@ def _covariances(terms: Terms, fit: Fit, spread: FloatArray | None, n_points: in
     joint = _joint_covariance(fit, excess, n_points)
     # What ranges change to second order within this covariance counts as a further error.
     curved = _curvatures(terms, fit, joint[rows[:, :3, None, None], rows[:, :3]])
-    widened = terms._replace(weights=terms.weights / np.hypot(1.0, curved))
-    matrix, _ = equations_at(widened, fit, robust=spread is not None)
-    joint = _joint_covariance(replace(fit, matrix=matrix), excess, n_points)
+    if curved.max(initial=0.0) > SLIGHT:
+        widened = terms._replace(weights=terms.weights / np.hypot(1.0, curved))
+        matrix, _ = equations_at(widened, fit, robust=spread is not None)
+        joint = _joint_covariance(replace(fit, matrix=matrix), excess, n_points)
     return np.asarray(joint[rows[:, :, None], rows[:, None, :]])
 
 

@@ -376,13 +376,16 @@ def _laid_on_map(
     Its way is rigid here. A fit starts at the yaw, or at a few if that is unknown. Return None if
     another rotation fits nearly as well.
     """
+    turns = rotations_about_z(np.array(START_YAWS_RAD if yaw_rad is None else [yaw_rad]))
     own = readings[(readings[:, :2] == way.row).any(axis=1)]
+    if not len(own):
+        return None if yaw_rad is None else (start.positions_m[way.row], turns[0])
     way.place_bodies(way.row, 0)
     terms = Terms.joined(_packed(own, _ends(own, [way]))).variant(0)
     free = np.zeros_like(start.free)
     free[way.row, [0, 1, 5]] = True
     fits = []
-    for turn in rotations_about_z(np.array(START_YAWS_RAD if yaw_rad is None else [yaw_rad])):
+    for turn in turns:
         rotations = start.rotations.copy()
         rotations[way.row] = turn
         turned = replace(start, rotations=rotations, free=free)
