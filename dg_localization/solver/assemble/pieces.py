@@ -53,6 +53,10 @@ from dg_localization.solver.subproblem import (
     restricted_boxes,
 )
 
+MOST_UNREVIEWED = 30
+"""If distances are wide, contraction of a whole piece up to this size rules out as much as reviews
+of its patches, and sooner. Few choices of larger pieces are contracted."""
+
 PATCHES_SHARE = 0.5
 """Share of the time of a piece for its patches if it is contracted afterwards,"""
 
@@ -82,7 +86,8 @@ def solve_large(
     """Solve a large piece in patches; return None if its neighborhoods are not rigid."""
     is_whole = problem.n_points <= MOST_TOGETHER
     share_of_patches = (PATCHES_SHARE if is_whole else PATCHES_SHARE_ALONE) * share
-    solved = PatchSolver(problem, budget, share_of_patches, within).run()
+    is_reviewed = problem.n_points > MOST_UNREVIEWED or is_known_well(problem)
+    solved = PatchSolver(problem, budget, share_of_patches, within, is_reviewed).run()
     if solved is None:
         return None
     if solved.is_empty():

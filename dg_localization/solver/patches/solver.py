@@ -208,10 +208,12 @@ class PatchSolver:
         budget: Budget,
         share: float,
         within: Sequence[Bounds] | None,
+        is_reviewed: bool,
     ) -> None:
         self._problem = problem
         self._budget = budget
         self._within = within
+        self._is_reviewed = is_reviewed
         self._is_over = budget.has_passed(share)
         self._pairs: list[Pair] = [(i, j) for i, j in problem.pairs.measured.tolist()]
         self._tried: set[Points] = set()
@@ -283,7 +285,7 @@ class PatchSolver:
         reviews = [
             self._review(patch, graph)
             for patch in patches
-            if patch.left.sum() > 1 and not self._is_over()
+            if self._is_reviewed and patch.left.sum() > 1 and not self._is_over()
         ]
         for chosen, most in ((seams, MOST_SEAM_BOXES), (reviews, MOST_REVIEW_BOXES)):
             new = [points for points in dict.fromkeys(chosen) if points not in self._tried]
