@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 import time
@@ -53,7 +53,11 @@ def estimate_snapshot(
 ) -> tuple[Estimate, tuple[Proved, ...]]:
     """Find every placement that agrees with a snapshot, or the reason why there is none."""
     began_s = time.perf_counter()
+    earlier = earlier or EarlierSets()
     recalled = recall(snapshot, proved, cancel, earlier)
+    if recalled.forgotten or recalled.in_doubt or snapshot.config.memory_s <= 0.0:
+        # A robot may have been carried away: what was likely is not any more.
+        earlier.likely = {}
     if recalled.forgotten:
         # Readings that contradict each other prove nothing about the memory.
         contradiction = _contradiction_of_moment(snapshot, recalled, cancel)
@@ -71,12 +75,13 @@ def estimate_snapshot(
     options = _solver_options(snapshot, recalled)
     found, plans = _solve(snapshot, constraints, options, cancel=cancel)
     if found.verdict is Verdict.INFEASIBLE and recalled.pose_sets.sets:
-        recalled = recalled.without_pose_sets()
+        recalled, earlier.likely = recalled.without_pose_sets(), {}
         if not snapshot.keys:
             return _without_data(snapshot, recalled), ()
         constraints = constrain(snapshot)
         found, plans = _solve(snapshot, constraints, snapshot.solver, cancel=cancel)
     if found.verdict is Verdict.INFEASIBLE:
+        earlier.likely = {}
         estimate = _explained(snapshot, constraints, found.statistics, cancel)
         # The moment contradicts itself: that proves nothing about the rest of the memory.
         forgotten = (*by_memory, *estimate.forgotten)
@@ -88,8 +93,8 @@ def estimate_snapshot(
     found_now, main = narrowed.answer, found.main
     if found_now is found and main is not None and len(main.placements) == 1:
         found_now = replace(found, main=main.leaving((refit(main.plan, main.placements[0]),)))
-    if earlier is not None and snapshot.config.memory_s > 0.0:
-        found_now = _with_likely_poses(snapshot, found_now, earlier, recalled.in_doubt)
+    if snapshot.config.memory_s > 0.0:
+        found_now = _with_likely_poses(snapshot, found_now, earlier)
     estimate = _answered(snapshot, found_now, [plans])
     doubts = [f'what {robot} remembers is in doubt' for robot in recalled.in_doubt]
     if estimate.misfits:
@@ -109,12 +114,9 @@ def estimate_snapshot(
     return estimate, narrowed.proved
 
 
-def _with_likely_poses(
-    snapshot: Snapshot, found: Answer, earlier: EarlierSets, in_doubt: Collection[str]
-) -> Answer:
+def _with_likely_poses(snapshot: Snapshot, found: Answer, earlier: EarlierSets) -> Answer:
     """Return an answer with the likeliest poses of its robots, and keep them for the next."""
-    kept = {robot: pose for robot, pose in earlier.likely.items() if robot not in in_doubt}
-    earlier.likely = {}
+    kept, earlier.likely = earlier.likely, {}
     main = found.main
     if main is None or snapshot.config.dimension != 2 or len(main.placements) != 1:
         return found

@@ -29,8 +29,11 @@ MOST_EXCHANGES = 60
 and bounds gain less than 3 %."""
 
 SMALLEST_WIDTH = 1e-13
-"""Least relative width of a row, so that weights stay finite for exact bounds; no pivot is smaller
-than this part of its diagonal entry or of the largest entries."""
+"""Least relative width of a row, so that weights stay finite for exact bounds; a pivot that keeps
+no more than this part of its diagonal entry counts as zero."""
+
+LEAST_ENTRY = 1e-7
+"""An entry below this fraction of the largest in its row is no pivot."""
 
 PERTURBATION = 1e-5
 """Relative perturbation of a row during its optimization: its many zeros make ties that cycle."""
@@ -115,7 +118,7 @@ def activate_well_known(programs: LinearPrograms) -> bool:
             for c in range(n_unknowns):
                 if not is_chosen[c] and abs(rows[m, c]) > best * width:
                     best, row, column = abs(rows[m, c]) / width, m, c
-        if row < 0 or abs(rows[row, column]) < SMALLEST_WIDTH * largest:
+        if row < 0 or abs(rows[row, column]) < LEAST_ENTRY * largest:
             return False
         _exchange(rows, active, rows[row].copy(), row, column)
         is_chosen[column] = True
@@ -164,7 +167,7 @@ def _entering_column(
     for c in range(len(entries)):
         entry = side * entries[c]
         ratios[c] = math.inf
-        if abs(entry) > SMALLEST_WIDTH * largest:
+        if abs(entry) > LEAST_ENTRY * largest:
             ratio = multipliers[c] / entry
             if ratio > 0.0 or (ratio == 0.0 and entry < 0.0):
                 ratios[c] = ratio

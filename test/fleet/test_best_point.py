@@ -251,3 +251,31 @@ def test_points_on_an_arc_are_as_far_off_as_their_covariances_say(shared, name):
     """Anchors nearly in line leave an arc about their line, which no tangent covers."""
     _, deviations = off_in_recording(shared / 'data', name, 60)
     assert np.mean(deviations > math.sqrt(beside.SQUARED_3_SIGMA[3])) <= 0.02
+
+
+def test_a_robot_that_was_carried_away_is_not_where_it_was_likely():
+    """After the jump, which odometry does not show, one anchor is heard: a ring is left."""
+    places_m = {'m': (0.0, 0.0), 'n': (10.0, 0.0), 'o': (10.0, 10.0), 'p': (0.0, 10.0)}
+    localizer = new_localizer(
+        'a',
+        places_m,
+        range_error=(-0.1, 0.1, 0.0, 0.0),
+        max_age_s=0.5,
+        memory_s=8.0,
+        memory_max_seconds=math.inf,
+        odometry_error=(0.02, 0.0, 0.0, 0.02, 0.01, 0.01),
+    )
+    answers = 0
+    for tick in range(130):
+        now_s, moved = NOW_S + 0.1 * tick, tick >= 70
+        stated_m = np.array([2.0 + 0.04 * tick, 3.0 + math.sin(0.05 * tick)])
+        place_m = stated_m + ([2.0, 3.0] if moved else [0.0, 0.0])
+        add_odometry(localizer, 'a', stated_m, now_s, 0.0)
+        heard_m = {'m': places_m['m']} if moved else places_m
+        add_ranges(localizer, 'a', place_m, heard_m, now_s)
+        if moved and tick % 5 == 0:
+            for placement in localizer.step(now_s).placements:
+                deviations_m = np.sqrt(np.diag(placement.covariances[0])[:2])
+                assert np.all(np.abs(placement.positions_m[0] - place_m) < 3.0 * deviations_m)
+                answers += 1
+    assert answers

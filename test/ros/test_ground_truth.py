@@ -91,6 +91,7 @@ EUROC = '#timestamp,p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q
         (2, 'stamp,robot,x,y,z\n1,a,2,3,\n', None),
         *((q, f'{QUATERNION}0,{",".join(map(str, TILTED))}\n', TILTED) for q in (2, 3)),
         *((q, f'{QUATERNION}0,,,,\n', None) for q in (2, 3)),
+        (2, 'stamp,robot,x,y,p_std_x,t_max\n1,a,2,3,9,9\n', None),
         (2, f'{EUROC}\n1,2,3,0,{",".join(map(str, np.roll(TILTED, 1)))}\n', TILTED),
     ],
 )

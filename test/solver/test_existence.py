@@ -10,12 +10,12 @@ import math
 from hypothesis import given, strategies as st
 import numpy as np
 import pytest
-from solver_cases import bounds, orientation, squared_distances
+from solver_cases import bounds, orientation, squared_distances, symmetric
 
 from dg_localization import Problem, solve
 from dg_localization.interval.arrays import Interval
 from dg_localization.solver.place.existence import NEARNESS, _contraction, settled
-from dg_localization.solver.place.proofs import chirality_signs
+from dg_localization.solver.place.proofs import agrees, chirality_signs
 
 TRIANGLE = dict.fromkeys(combinations(range(3), 2), (1.0, 1.0))
 SKETCH = np.array([[0.0, 0.0], [1.1, 0.0], [0.4, 0.8]])
@@ -73,6 +73,11 @@ def test_every_equation_of_a_proof_counts():
     assert np.abs(off[-1]).sum() * (1.0 - 1e-9) <= norm
 
 
+def exact_squared(positions, i, j):
+    points = [[Fraction(x) for x in positions[k].tolist()] for k in (i, j)]
+    return sum((x - y) ** 2 for x, y in zip(*points, strict=True))
+
+
 @given(st.integers(0, 2**32))
 def test_signs_of_determinants_are_exact(seed):
     """Also where the points are in one hyperplane, or an ulp away from it."""
@@ -94,3 +99,21 @@ def test_a_product_that_underflows_is_not_taken_for_zero():
     points = np.array([[0, 0, 0], [2.0**900, 1, 0], [2.0**300, tiny, 0], [0, 0, tiny]])
     assert orientation([[Fraction(x) for x in point] for point in points.tolist()]) == 1
     assert chirality_signs(points, np.arange(4)[None]).tolist() == [1]
+
+
+@given(st.integers(0, 2**32))
+def test_agreement_is_a_proof(seed):
+    """Bounds a few ulps around the exact distances: what is affirmed is so in rationals."""
+    rng = np.random.default_rng(seed)
+    n_points, dimension = int(rng.integers(2, 6)), int(rng.integers(1, 4))
+    positions = rng.standard_normal((n_points, dimension)) * 10.0 ** rng.integers(-12, 13)
+    squared = squared_distances(positions)
+    ulps = rng.integers(-2, 12, size=(2, n_points, n_points)) * 2.0**-52
+    below, above = map(symmetric, ulps)
+    lower, upper = squared * (1.0 - below), squared * (1.0 + above)
+    if (lower > upper).any():
+        return
+    if agrees(Problem(lower, upper, dimension), positions):
+        for i in range(n_points):
+            for j in range(i):
+                assert lower[i, j] <= exact_squared(positions, i, j) <= upper[i, j]

@@ -221,14 +221,24 @@ class LikelyPose:
         mine, others = self.variances, other.variances
         return bool(mine[:2].sum() < others[:2].sum() and mine[2] < others[2])
 
-    def is_within(self, box_m: FloatArray) -> bool:
-        """Return whether the position is in a box (2, q)."""
-        return bool(np.all((box_m[0] <= self.pose[:2]) & (self.pose[:2] <= box_m[1])))
+    def agrees(self, snapshot: Snapshot, robot: str, box_m: FloatArray) -> bool:
+        """Return whether the position is in a bounded box (2, q) and fits the ranges of now."""
+        here_m, off_m = self.pose[:2], 3.0 * math.sqrt(self.variances[:2].sum())
+        if not np.isfinite(box_m).all() or np.any((here_m < box_m[0]) | (here_m > box_m[1])):
+            return False
+        for distance in snapshot.distances:
+            for end, other in (distance.key.ends, distance.key.ends[::-1]):
+                place = snapshot.anchors.boxes.get(snapshot.config.rows[other])
+                if end == robot and place is not None:
+                    apart_m = np.linalg.norm(0.5 * (place.lower + place.upper) - here_m)
+                    if not distance.lower_m - off_m <= apart_m <= distance.upper_m + off_m:
+                        return False
+        return True
 
     def carried(self, snapshot: Snapshot, robot: str) -> LikelyPose | None:
         """Return the pose at the time of a snapshot; None if odometry does not reach back."""
         track = snapshot.motion.odometry.get(robot)
-        if not track or track[0].stamp_s > self.stamp_s:
+        if not track or not track[0].stamp_s <= self.stamp_s <= snapshot.stamp_s:
             return None
         way = StatedWay(snapshot, robot, self.stamp_s, 0)
         (dx, dy, turn_rad), error_m, error_rad = way.whole()
@@ -252,8 +262,8 @@ def carried_on(
     """
     Return a placement among anchors, and the likeliest poses of its robots.
 
-    Where the pose of an earlier fit, carried to now by odometry, is inside the enclosure and known
-    better than that of the last fit, it replaces that.
+    Where the pose of an earlier fit, carried to now by odometry, agrees with the enclosure and the
+    readings of now and is known better than that of the last fit, it replaces that.
     """
     positions_m, covariances = placement.positions_m.copy(), placement.covariances
     yaws_rad, poses = placement.fitted_yaws_rad, dict[str, LikelyPose]()
@@ -267,7 +277,7 @@ def carried_on(
         if np.isfinite(fitted.variances).all():
             poses[robot] = fitted
         carried = before[robot].carried(snapshot, robot) if robot in before else None
-        if carried is None or not carried.is_within(placement.enclosure_m[row]):
+        if carried is None or not carried.agrees(snapshot, robot, placement.enclosure_m[row]):
             continue
         if carried.is_better_than(fitted):
             positions_m[row], yaws_rad[row] = carried.pose[:2], carried.pose[2]
@@ -275,7 +285,7 @@ def carried_on(
             poses[robot] = carried
         else:
             poses.setdefault(robot, carried)
-    moved = bool(np.any(positions_m != placement.positions_m))
+    moved = not np.array_equal(positions_m, placement.positions_m, equal_nan=True)
     placement = replace(
         placement,
         positions_m=positions_m,

@@ -41,8 +41,11 @@ TUM = ('stamp', 'x', 'y', 'z', *QUATERNION)
 """The columns of a file without a header line."""
 
 SYNONYMS = {'timestamp': 'stamp', 'time': 'stamp', 't': 'stamp', 'name': 'robot'}
-AXIS = re.compile(r'([pqt]?)(?:_\w+)?_?([wxyz])')
+AXIS = re.compile(r'(?:[pt]_?|p_[a-z]{2}_[a-z]_)?([xyz])|q(?:_?|_[a-z]{2}_)([wxyz])')
 """A coordinate as TUM (`tx`) and EuRoC (`p_RS_R_x`, `q_RS_w`) name it."""
+
+COLUMN_UNITS = ('', 'm', 's', 'ns', 'rad')
+"""Units in brackets after the name of a column."""
 
 UNITS = (('nanoseconds', 1e-9, 1e17), ('microseconds', 1e-6, 1e14), ('milliseconds', 1e-3, 1e11))
 """Units of stamps that are too large for seconds: name, factor, and least stamp."""
@@ -210,7 +213,7 @@ def read_columns(path: Path) -> tuple[Sequence[str], list[tuple[int, dict[str, s
     rows: list[tuple[int, list[str]]] = []
     is_named = False
     for number, line in lines:
-        cells = [cell.strip(' "') for cell in line.lstrip('#').split(mark)]
+        cells = [cell.strip(' "') for cell in line.replace(' [', '[').lstrip('#').split(mark)]
         if mark == ';':
             # With another separator, commas may be decimal points.
             cells = [cell.replace(',', '.') for cell in cells]
@@ -223,6 +226,9 @@ def read_columns(path: Path) -> tuple[Sequence[str], list[tuple[int, dict[str, s
             rows.append((number, cells))
     if rows and len(rows[0][1]) == len(TUM) and 'x' not in names:
         names = [*TUM]
+    twice = sorted(name for name in {*COLUMNS, *TUM, 'yaw'} if names.count(name) > 1)
+    if twice:
+        raise UsageError(f'{path} has two columns {twice[0]!r}: name the other one differently')
     return names, [
         (n, dict(zip_longest(names, cells[: len(names)], fillvalue=''))) for n, cells in rows
     ]
@@ -230,11 +236,14 @@ def read_columns(path: Path) -> tuple[Sequence[str], list[tuple[int, dict[str, s
 
 def _column(cell: str) -> str:
     """Return the name of a column from a cell of the header, which may have a unit."""
-    name = cell.lower().partition('[')[0].strip()
+    name, _, unit = cell.lower().partition('[')
+    if unit.rstrip(' ]') not in COLUMN_UNITS:
+        return cell.lower()
+    name = name.strip()
     axis = AXIS.fullmatch(name)
     if axis is None:
         return SYNONYMS.get(name, name)
-    return f'q{axis[2]}' if axis[1] == 'q' else axis[2]
+    return axis[1] or f'q{axis[2]}'
 
 
 def _pose_of(row: dict[str, str], dimension: int) -> tuple[float, Any, Any]:

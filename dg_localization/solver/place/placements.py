@@ -30,8 +30,8 @@ MARGIN = 0.1
 MOST_STEPS = 40
 """Most steps of least squares."""
 
-FIRST_DAMPING = 1e-6
-"""The term added to the diagonal of the normal equations of unit vectors."""
+FIRST_DAMPING, MOST_DAMPING = 1e-6, 1e3
+"""Terms added to the diagonal of the normal equations of unit vectors."""
 
 
 class FitEffort(NamedTuple):
@@ -110,7 +110,7 @@ def refined(
     best, damping = positions, FIRST_DAMPING
     at_once = 1 + WORK_PER_LOOK // (1 + len(pairs) * effort.most_gradients)
     for first in range(0, MOST_STEPS, at_once):
-        if damping == math.inf or stopped():
+        if not damping < MOST_DAMPING or stopped():
             break
         n_steps = min(at_once, MOST_STEPS - first)
         best, damping = refine(best, pairs, lower, upper, margin, damping, effort, n_steps)
@@ -133,7 +133,7 @@ def refine(
     misfits, slopes = misfits_of(best, pairs, lower, upper, margin)
     total = _dot(misfits, misfits)
     for _ in range(n_steps):
-        if total == 0.0:
+        if total == 0.0 or not damping < MOST_DAMPING:
             return best, np.inf
         step = _step(pairs, misfits, slopes, damping, effort, len(best))
         trial = best - step
