@@ -457,6 +457,14 @@ METHODS: dict[str, Method] = {
 }
 
 
+def off_truth(recording: Recording, tick_s: float, answer: Answer) -> tuple[float, float]:
+    """Return how far an answer is off in m, and its squared Mahalanobis distance."""
+    off_m = answer.position_m - recording.place_m(tick_s)
+    return float(np.linalg.norm(off_m)), float(
+        off_m @ np.linalg.solve(answer.covariance_m2, off_m)
+    )
+
+
 def measure(recording: Recording, bounds: Bounds, method: Method, n_answers: int) -> str:
     """Return one row of the table."""
     end_s = recording.truth[-1, 0]
@@ -466,9 +474,8 @@ def measure(recording: Recording, bounds: Bounds, method: Method, n_answers: int
     for tick_s, answer in zip(ticks_s, method(recording, bounds, ticks_s), strict=False):
         if answer is None or not np.isfinite(answer.position_m).all():
             continue
-        off_m = answer.position_m - recording.place_m(float(tick_s))
-        errors_m.append(float(np.linalg.norm(off_m)))
-        distance2 = float(off_m @ np.linalg.solve(answer.covariance_m2, off_m))
+        error_m, distance2 = off_truth(recording, float(tick_s), answer)
+        errors_m.append(error_m)
         wrong += distance2 > SQUARED_3_SIGMA[recording.dimension]
         outside += answer.inside is False
         headed += answer.heading_known

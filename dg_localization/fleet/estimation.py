@@ -74,14 +74,15 @@ def estimate_snapshot(
     constraints = constrain(snapshot, recalled.replaced, remembered)
     options = _solver_options(snapshot, recalled)
     found, plans = _solve(snapshot, constraints, options, cancel=cancel)
+    if found.verdict is Verdict.INFEASIBLE:
+        earlier.likely = {}
     if found.verdict is Verdict.INFEASIBLE and recalled.pose_sets.sets:
-        recalled, earlier.likely = recalled.without_pose_sets(), {}
+        recalled = recalled.without_pose_sets()
         if not snapshot.keys:
             return _without_data(snapshot, recalled), ()
         constraints = constrain(snapshot)
         found, plans = _solve(snapshot, constraints, snapshot.solver, cancel=cancel)
     if found.verdict is Verdict.INFEASIBLE:
-        earlier.likely = {}
         estimate = _explained(snapshot, constraints, found.statistics, cancel)
         # The moment contradicts itself: that proves nothing about the rest of the memory.
         forgotten = (*by_memory, *estimate.forgotten)

@@ -10,7 +10,7 @@ its stamp: the solver uses angles between rays, and rays of one image turn toget
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 import math
@@ -32,6 +32,7 @@ from dg_localization.fleet.vocabulary import (
 )
 from dg_localization.fleet.window.carry import CarriedWindow
 from dg_localization.fleet.window.memory import NO_WINDOW, Ends, Spans, Window
+from dg_localization.interval.arrays import Interval
 from dg_localization.interval.bounds import product_up, sum_down, sum_up
 from dg_localization.solver.options import SolverOptions
 
@@ -128,6 +129,15 @@ class Snapshot:
     def keys(self) -> tuple[LinkKey, ...]:
         """The links in use."""
         return (*(d.key for d in self.distances), *(r.key for r in self.rays))
+
+    def ranges_of_anchors(
+        self, points: Collection[str]
+    ) -> Iterator[tuple[str, Interval, DistanceReading]]:
+        """Yield the ranges of now between points and anchors: a point, a place and the reading."""
+        for distance in self.distances:
+            for end, other in (distance.key.ends, distance.key.ends[::-1]):
+                if end in points and (row := self.config.rows[other]) in self.anchors.boxes:
+                    yield end, self.anchors.boxes[row], distance
 
 
 def take_snapshot(

@@ -225,7 +225,7 @@ def test_best_points_are_as_far_off_as_their_covariances_say(name):
 
 
 def off_in_recording(data, name, count):
-    """Return how far points are off, in m and in deviations (Mahalanobis), in a recording."""
+    """Return how far points are off in a recording: in m, and as squared Mahalanobis distances."""
     recording = beside.read(data, name)
     ticks_s = np.linspace(recording.learned_until_s, recording.truth[-1, 0], count + 1)[1:]
     off = []
@@ -233,9 +233,7 @@ def off_in_recording(data, name, count):
         ticks_s, beside.ours(recording, beside.learn(recording), ticks_s), strict=True
     ):
         if answer is not None:
-            off_m = answer.position_m - recording.place_m(float(tick_s))
-            deviations = math.sqrt(off_m @ np.linalg.solve(answer.covariance_m2, off_m))
-            off.append([np.linalg.norm(off_m), deviations])
+            off.append(beside.off_truth(recording, float(tick_s), answer))
     assert len(off) >= 0.9 * count
     return np.array(off).T
 
@@ -249,8 +247,8 @@ def test_a_robot_is_not_lost_in_a_gap_of_readings(shared):
 @pytest.mark.parametrize('name', ['rcv2', 'rcv5'])
 def test_points_on_an_arc_are_as_far_off_as_their_covariances_say(shared, name):
     """Anchors nearly in line leave an arc about their line, which no tangent covers."""
-    _, deviations = off_in_recording(shared / 'data', name, 60)
-    assert np.mean(deviations > math.sqrt(beside.SQUARED_3_SIGMA[3])) <= 0.02
+    _, squared = off_in_recording(shared / 'data', name, 60)
+    assert np.mean(squared > beside.SQUARED_3_SIGMA[3]) <= 0.02
 
 
 def test_a_robot_that_was_carried_away_is_not_where_it_was_likely():

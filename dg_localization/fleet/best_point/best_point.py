@@ -20,7 +20,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.best_point.least_squares import Bodies, Fit, equations_at, fit_terms
+from dg_localization.fleet.best_point.least_squares import (
+    Bodies,
+    Fit,
+    equations_at,
+    fit_terms,
+    lines_of,
+)
 from dg_localization.fleet.best_point.normal_equations import SHORTEST_M
 from dg_localization.fleet.best_point.past import Misfit, Past
 from dg_localization.fleet.best_point.terms import (
@@ -55,7 +61,6 @@ UNKNOWN_VARIANCE_M2 = 1e12
 
 MOST_SPREAD = 1e12
 """Information smaller than the largest by this factor is lost in rounding errors."""
-
 
 SLIGHT = 0.1
 """A further error below this, in half widths, widens a covariance by at most 1 %."""
@@ -153,24 +158,22 @@ class BestPointFinder:
             rotations = np.tile(np.eye(3), (len(start_m), 1, 1))
             unknown = np.full((len(start_m), 6, 6), np.nan)
             return BestPoint(start_m, agrees(problem, start_m), rotations, unknown, math.inf)
-        bodies = self.start_of(start_m, enclosure)
-        self._effort += int(bodies.free.sum()) ** 3
         misfits: tuple[Misfit, ...] = ()
         if past is None:
             spread, terms = None, self._terms
             has_more = among is None and len(start_m) <= MOST_BODIES
-            starts = _starts(start_m, enclosure) if has_more else [start_m]
-            fits = [fit_terms(terms, self.start_of(one_m, enclosure)) for one_m in starts]
-            fit = fits[0]
+            starts_m = _starts(start_m, enclosure) if has_more else [start_m]
+            fits = [fit_terms(terms, self.start_of(one_m, enclosure)) for one_m in starts_m]
+            start, fit = fits[0].bodies, fits[0]
             for other in fits[1:]:
                 gain = fit.cost - other.cost
                 fit = other if gain > CLEAR_GAIN * max(1.0, fit.cost) else fit
         else:
-            terms = past.terms
-            bodies = self._with_past(past, bodies)
-            fit = fit_terms(terms, fit_terms(terms, bodies).bodies, robust=True)
+            start, terms = past.start, past.terms
+            fit = fit_terms(terms, fit_terms(terms, self._with_past(past)).bodies, robust=True)
             residuals = past.residuals(fit)
             spread, misfits = past.spread(fit, residuals), tuple(past.misfits(fit, residuals))
+        self._effort += int(start.free.sum()) ** 3
         best_m = self._with_sensors(fit, enclosure)
         positions_m, proved = _agreeing(problem, start_m, best_m)
         n_points = len(start_m)
@@ -187,15 +190,11 @@ class BestPointFinder:
         positions_m = positions_m[:, : enclosure.lower.shape[1]]
         return np.asarray(np.clip(positions_m, enclosure.lower, enclosure.upper))
 
-    def _with_past(self, past: Past, bodies: Bodies) -> Bodies:
+    def _with_past(self, past: Past) -> Bodies:
         """Return the start of a fit with past poses: the start of the moment, carried back."""
-        positions_m, rotations = bodies.positions_m.copy(), bodies.rotations.copy()
+        bodies, positions_m, rotations = past.start, past.start.positions_m, past.start.rotations
         free = bodies.free.copy()
-        for row in {*past.rows.tolist()} - {*self._held}:
-            free[row, 5] = True
-            if row in past.guesses:
-                guess_m, rotations[row] = past.guesses[row]
-                positions_m[row] = np.where(free[row, :3], guess_m, positions_m[row])
+        free[[row for row in past.rows.tolist() if row not in self._held], 5] = True
         turns = rotations[past.rows]
         arms_m = _in_space(past.poses[:, :2])
         unbounded = np.full((len(arms_m), 3), math.inf)
@@ -302,16 +301,15 @@ def _curvatures(terms: Terms, fit: Fit, covariance_m2: FloatArray) -> FloatArray
     """
     n_points = len(covariance_m2)
     ranges = np.flatnonzero((terms.kinds == RANGE) & (terms.bodies < n_points).all(axis=1))
-    ends, (first, second) = terms.bodies[ranges], terms.bodies[ranges].T
-    arms_m = np.einsum('mbij,mbj->mbi', fit.bodies.rotations[ends], terms.arms_m[ranges])
-    lines_m = np.diff(fit.bodies.positions_m[ends] + arms_m, axis=1)[:, 0]
-    lengths_m = np.maximum(np.linalg.norm(lines_m, axis=1), SHORTEST_M)
-    along = lines_m / lengths_m[:, None]
+    first, second = terms.bodies[ranges].T
+    lengths_m, along = (of_all[ranges] for of_all in lines_of(terms, fit.bodies))
     apart = covariance_m2[first, :, first] + covariance_m2[second, :, second]
     apart = apart - covariance_m2[first, :, second] - covariance_m2[second, :, first]
     across_m2 = np.trace(apart, axis1=1, axis2=2) - np.einsum('mi,mij,mj->m', along, apart, along)
     curved = np.zeros(len(terms.kinds))
-    curved[ranges] = UNIFORM * terms.weights[ranges] * across_m2 / (2.0 * lengths_m)
+    curved[ranges] = (
+        UNIFORM * terms.weights[ranges] * across_m2 / (2.0 * np.maximum(lengths_m, SHORTEST_M))
+    )
     return curved
 
 

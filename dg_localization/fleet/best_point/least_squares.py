@@ -158,6 +158,14 @@ def equations_at(terms: Terms, fit: Fit, *, robust: bool = False) -> tuple[Float
     return matrix, vector
 
 
+def lines_of(terms: Terms, bodies: Bodies) -> tuple[FloatArray, FloatArray]:
+    """Return the lengths (m,) and directions (m, 3) of the lines between the ends of terms."""
+    arms_m = np.einsum('mbij,mbj->mbi', bodies.rotations[terms.bodies], terms.arms_m)
+    lines_m = np.diff(bodies.positions_m[terms.bodies] + arms_m, axis=1)[:, 0]
+    lengths_m = np.linalg.norm(lines_m, axis=1)
+    return lengths_m, lines_m / np.maximum(lengths_m, SHORTEST_M)[:, None]
+
+
 def residuals_of(terms: Terms, fit: Fit) -> FloatArray:
     """
     Return the residuals of terms in the plane, in half widths; zero for a `PLACE`.
@@ -165,11 +173,8 @@ def residuals_of(terms: Terms, fit: Fit) -> FloatArray:
     Fitted ranges shorter than measured, and rays to the right of the measured ones, are negative.
     """
     rotations = fit.bodies.rotations[terms.bodies]
-    arms_m = np.einsum('mbij,mbj->mbi', rotations, terms.arms_m)
-    lines_m = np.diff(fit.bodies.positions_m[terms.bodies] + arms_m, axis=1)[:, 0]
-    lengths_m = np.linalg.norm(lines_m, axis=1)
+    lengths_m, rays = lines_of(terms, fit.bodies)
     sights = np.einsum('mij,mj->mi', rotations[:, 0], terms.values)
-    rays = lines_m / np.maximum(lengths_m, SHORTEST_M)[:, None]
     to_left = sights[:, 0] * rays[:, 1] > sights[:, 1] * rays[:, 0]
     off = {
         RANGE: lengths_m - terms.values[:, 0],

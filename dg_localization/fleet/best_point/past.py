@@ -44,8 +44,6 @@ from dg_localization.fleet.window.memory import Ends, Table
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-Guess = tuple[FloatArray, FloatArray]
-"""The position (3,) and the rotation (3, 3) of a robot at which a fit starts."""
 
 LONGEST_S = 30.0
 """Older readings carry little information, since odometry drifts."""
@@ -98,8 +96,8 @@ class Past:
         The robot of each past pose.
     poses : numpy.ndarray, shape (k, 3)
         x, y and yaw of each, relative to the pose of its robot now, as odometry states them.
-    guesses : mapping of int to Guess
-        By row, poses of robots now that fit their readings of anchors.
+    start : Bodies
+        The poses of the points now at which a fit starts.
     ends : frozenset of (str, str)
         Observers and targets of the readings in the terms.
     ways : tuple of Terms
@@ -114,7 +112,7 @@ class Past:
     terms: Terms
     rows: IntArray
     poses: FloatArray
-    guesses: Mapping[int, Guess]
+    start: Bodies
     ends: frozenset[Ends]
     ways: tuple[Terms, ...]
     constants: tuple[tuple[float, float], ...]
@@ -226,13 +224,14 @@ def past_of(
     table = _readings(snapshot, solved, ways)
     is_moving = np.isin(table[:, :2], [way.row for way in ways.values()])
     of_anchors = table[~is_moving.all(axis=1)]
-    guesses = {}
+    known = []
     for way in ways.values():
+        laid: Bodies | None = start
         if way.row not in turning:
-            guess = _laid_on_map(way, of_anchors, start, yaws_rad.get(way.row))
-            if guess is not None:
-                guesses[way.row] = guess
-    known = [way for way in ways.values() if way.row in turning or way.row in guesses]
+            laid = _laid_on_map(way, of_anchors, start, yaws_rad.get(way.row))
+        if laid is not None:
+            start = laid
+            known.append(way)
     left_out = [way.row for way in ways.values() if way not in known]
     table = table[~np.isin(table[:, :2], left_out).any(axis=1)]
     if not len(table):
@@ -246,7 +245,7 @@ def past_of(
         Terms.joined([*_packed(table, ends_of_all), *steps]).variant(0),
         np.repeat([way.row for way in known], count),
         np.concatenate([way.poses_now(way.times_s[1:]) for way in known]),
-        guesses,
+        start,
         frozenset((config.points[o], config.points[t]) for o, t in observed.tolist()),
         tuple(
             Terms.joined([*_packed(*_by_errors(way, table, ends_of_all)), own_steps])
@@ -369,31 +368,30 @@ def _points_on(poses: FloatArray, arms_m: FloatArray) -> FloatArray:
 
 def _laid_on_map(
     way: StatedWay, readings: FloatArray, start: Bodies, yaw_rad: float | None
-) -> Guess | None:
+) -> Bodies | None:
     """
-    Return the position and rotation of a robot that fit its readings of anchors best.
+    Return a start with one robot at the pose that fits its readings of anchors best.
 
     Its way is rigid here. A fit starts at the yaw, or at a few if that is unknown. Return None if
     another rotation fits nearly as well.
     """
-    turns = rotations_about_z(np.array(START_YAWS_RAD if yaw_rad is None else [yaw_rad]))
+    turned = []
+    for turn in rotations_about_z(np.array(START_YAWS_RAD if yaw_rad is None else [yaw_rad])):
+        rotations = start.rotations.copy()
+        rotations[way.row] = turn
+        turned.append(replace(start, rotations=rotations))
     own = readings[(readings[:, :2] == way.row).any(axis=1)]
     if not len(own):
-        return None if yaw_rad is None else (start.positions_m[way.row], turns[0])
+        return None if yaw_rad is None else turned[0]
     way.place_bodies(way.row, 0)
     terms = Terms.joined(_packed(own, _ends(own, [way]))).variant(0)
     free = np.zeros_like(start.free)
     free[way.row, [0, 1, 5]] = True
-    fits = []
-    for turn in turns:
-        rotations = start.rotations.copy()
-        rotations[way.row] = turn
-        turned = replace(start, rotations=rotations, free=free)
-        fits.append(fit_terms(terms, turned, robust=True))
+    fits = [fit_terms(terms, replace(one, free=free), robust=True) for one in turned]
     best = min(fits, key=lambda fit: fit.cost)
     rotation = best.bodies.rotations[way.row]
     for fit in fits:
         apart_rad = rotation_angle_rad(rotation.T @ fit.bodies.rotations[way.row])
         if apart_rad > SAME_RAD and fit.cost < best.cost + DOUBTFUL_COST:
             return None
-    return best.bodies.positions_m[way.row], rotation
+    return replace(best.bodies, free=start.free)

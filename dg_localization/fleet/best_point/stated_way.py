@@ -226,13 +226,10 @@ class LikelyPose:
         here_m, off_m = self.pose[:2], 3.0 * math.sqrt(self.variances[:2].sum())
         if not np.isfinite(box_m).all() or np.any((here_m < box_m[0]) | (here_m > box_m[1])):
             return False
-        for distance in snapshot.distances:
-            for end, other in (distance.key.ends, distance.key.ends[::-1]):
-                place = snapshot.anchors.boxes.get(snapshot.config.rows[other])
-                if end == robot and place is not None:
-                    apart_m = np.linalg.norm(0.5 * (place.lower + place.upper) - here_m)
-                    if not distance.lower_m - off_m <= apart_m <= distance.upper_m + off_m:
-                        return False
+        for _, place, distance in snapshot.ranges_of_anchors([robot]):
+            apart_m = np.linalg.norm(0.5 * (place.lower + place.upper) - here_m)
+            if not distance.lower_m - off_m <= apart_m <= distance.upper_m + off_m:
+                return False
         return True
 
     def carried(self, snapshot: Snapshot, robot: str) -> LikelyPose | None:

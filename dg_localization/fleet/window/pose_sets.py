@@ -178,12 +178,10 @@ def _readings_of_moment(snapshot: Snapshot, robot: str) -> PairReadings | None:
             sights.append(sight)
     if not sights:
         return None
-    for distance in snapshot.distances:
+    for end, place, distance in snapshot.ranges_of_anchors(own):
         bounds_m = distance.lower_m, distance.upper_m
-        for end, other in (distance.key.ends, distance.key.ends[::-1]):
-            place = anchors.get(other)
-            if end in own and place is not None and bounds_m[0] <= bounds_m[1]:
-                sights.append((end, place, bounds_m, AHEAD, NO_RAY_RAD))
+        if bounds_m[0] <= bounds_m[1]:
+            sights.append((end, place, bounds_m, AHEAD, NO_RAY_RAD))
     return readings_of(config, sights)
 
 
@@ -248,18 +246,12 @@ def _unless_contradicted(
 
     The window does not hold all ranges of a sensor that is faster than the time slots.
     """
-    config, anchors = snapshot.config, snapshot.anchors
+    config = snapshot.config
     if pair[0] != WORLD or config.window_outliers > 0:
         return cover, fixed
-    robot = config.robots[pair[1]]
-    for distance in snapshot.distances:
-        ends = distance.key.ends
-        if robot not in ends:
-            continue
-        (other,) = {*ends} - {robot}
-        place = anchors.boxes.get(config.rows[other])
+    for _, place, distance in snapshot.ranges_of_anchors([config.robots[pair[1]]]):
         near_m2, far_m2 = squared_distance(distance.lower_m, distance.upper_m)
-        if place is not None and near_m2 <= far_m2:
+        if near_m2 <= far_m2:
             (lower_m2,), (upper_m2,) = _squared_distances_m2(cover, [place])
             if upper_m2 < near_m2 or far_m2 < lower_m2:
                 return _Contradiction(snapshot.stamp_s)

@@ -208,7 +208,7 @@ def recall(
     snapshot: Snapshot,
     proved: Sequence[Proved],
     cancel: Cancel | None,
-    earlier: EarlierSets | None = None,
+    earlier: EarlierSets,
 ) -> Recollection:
     """
     Evaluate the window of a snapshot, with the proved placements of earlier estimates.
@@ -221,7 +221,6 @@ def recall(
     tolerates = config.window_outliers > 0 and config.memory_s > 0.0
     replaced = carried.links_among(snapshot.keys) if tolerates else frozenset()
     any_upright = any(map(config.is_upright, config.robots))
-    earlier = earlier or EarlierSets()
     if not any_upright or not (snapshot.window.observations or proved or earlier.pairs):
         pose_sets = PoseSets(of_moment=place_by_moment(snapshot, ()))
         return Recollection(snapshot, allowance, pose_sets=pose_sets, replaced=replaced)

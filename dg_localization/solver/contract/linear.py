@@ -150,7 +150,7 @@ def combine(
     box: FloatArray, dimension: int, edges: IntArray, errors: FloatArray, explained: FloatArray
 ) -> bool:
     """
-    Narrow connected points by linear combinations of measured pairs, as long as that gains.
+    Narrow connected points by linear combinations of measured pairs, while that gains.
 
     The widths that measurement errors explain are written in m^2 if the measurements make the
     points rigid. Return False if the box is proved to hold no placement.

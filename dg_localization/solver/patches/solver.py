@@ -213,8 +213,8 @@ class PatchSolver:
         self._problem = problem
         self._budget = budget
         self._within = within
-        self._is_reviewed = is_reviewed
         self._is_over = budget.has_passed(share)
+        self._is_reviewed = is_reviewed
         self._pairs: list[Pair] = [(i, j) for i, j in problem.pairs.measured.tolist()]
         self._tried: set[Points] = set()
         self._measured = Neighborhoods(problem.n_points, self._pairs, problem.dimension)

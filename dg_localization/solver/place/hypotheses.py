@@ -30,7 +30,7 @@ LARGEST_M2 = 1e150
 """Squared distances below this can be squared once more."""
 
 MOST_STARTS = 4
-"""Most starts of one kind for a placement that is proved to agree; later starts are random."""
+"""Most starts of each search for a placement that is proved to agree."""
 
 AT_ONCE = 60
 """Up to this many coordinates are placed regardless of time: that takes a millisecond or two."""
