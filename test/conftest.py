@@ -7,7 +7,6 @@ import os
 from pathlib import Path
 import runpy
 import tempfile
-from types import SimpleNamespace
 
 from hypothesis import settings
 import pytest
@@ -52,19 +51,6 @@ def third_party_messages(monkeypatch):
 @pytest.fixture(scope='session')
 def shared():
     return SharedData(REPOSITORY.parent / 'shared')
-
-
-@pytest.fixture(scope='session')
-def setup_arguments():
-    """Run setup.py without setting up anything, and return the arguments of `setup`."""
-    import setuptools
-
-    asked = {}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(setuptools, 'setup', lambda **arguments: asked.update(arguments))
-        patch.chdir(REPOSITORY)
-        runpy.run_path('setup.py')
-    return SimpleNamespace(**asked)
 
 
 def pytest_configure(config):

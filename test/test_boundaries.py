@@ -7,6 +7,7 @@ import ast
 import graphlib
 from pathlib import Path
 import re
+from xml.etree import ElementTree
 
 from plain_python import run_python
 import pytest
@@ -75,20 +76,18 @@ def imported_modules(path):
     return found
 
 
-SOURCES = sorted(
-    path
-    for folder in ('dg_localization', 'msg_adapters')
-    for path in (REPOSITORY / folder).rglob('*.py')
-)
+ROOMS = 'dg_localization', 'msg_adapters'
+SOURCES = sorted(path for room in ROOMS for path in (REPOSITORY / room).rglob('*.py'))
 MODULES = {module_name(path): path for path in SOURCES}
 CORE_SOURCES = [path for path in SOURCES if package_of(module_name(path)) in ROS_FREE]
 
 
 @pytest.mark.parametrize('path', SOURCES, ids=module_name)
-def test_imports_point_one_way(path):
+def test_imports_point_one_way_and_the_core_names_no_ros_package(path):
     package = package_of(module_name(path))
     packages = {package_of(module) for module in imported_modules(path)} - {None, package}
     assert packages <= ALLOWED[package]
+    assert path not in CORE_SOURCES or not any(map(ROS.match, imported_modules(path)))
 
 
 def test_no_circle_of_imports():
@@ -104,27 +103,28 @@ def test_no_circle_of_imports():
     graphlib.TopologicalSorter(graph).prepare()
 
 
-@pytest.mark.parametrize('path', CORE_SOURCES, ids=module_name)
-def test_core_names_no_ros_package(path):
-    assert not any(map(ROS.match, imported_modules(path)))
-
-
-def test_core_runs_without_ros():
-    code = f'import sys, {", ".join(ROS_FREE)}; print(*sys.modules, sep="\\n")'
-    done = run_python(code)
+@pytest.mark.parametrize(
+    ('imported', 'others'),
+    [(ROS_FREE, ROS), *(([package], re.compile('numba|rclpy')) for package in ROOMS)],
+    ids=['core', *ROOMS],
+)
+def test_imports_need_no_ros_and_packages_no_numba(imported, others):
+    done = run_python(f'import sys, {", ".join(imported)}; print(*sys.modules, sep="\\n")')
     assert done.returncode == 0, done.stderr
-    assert [module for module in done.stdout.split() if ROS.match(module)] == []
+    assert [module for module in done.stdout.split() if others.match(module)] == []
 
 
-ROUNDING_NAMES = {
-    'nextafter',
-    'ulp',
-    'spacing',
-    'epsilon',
-    'UNIT',
-    'TINIEST',
-    'ANGLE_ROUNDING',
-}
+def test_every_ros_package_in_use_is_in_the_manifest():
+    manifest = ElementTree.parse(REPOSITORY / 'package.xml')
+    declared = {element.text for element in manifest.findall('exec_depend')}
+    imported = {name.partition('.')[0] for path in SOURCES for name in imported_modules(path)}
+    ros = {name for name in imported if name.endswith(('_msgs', '_srvs', '_interfaces'))}
+    # rclpy itself depends on the interfaces of parameters.
+    assert ros - {'rcl_interfaces'} <= declared
+    assert 'python3-numpy' in declared and 'rclpy' in declared
+
+
+ROUNDING_NAMES = {'nextafter', 'ulp', 'spacing', 'epsilon', 'UNIT', 'TINIEST', 'ANGLE_ROUNDING'}
 ROUNDING_SIZES = (1e-18, 5e-14)
 """A literal between these is about as large as a unit in the last place of a number near 1."""
 
@@ -142,12 +142,5 @@ def rounds_itself(path):
 
 
 def test_only_one_room_rounds():
-    others = [path for path in SOURCES if package_of(module_name(path)) in ROS_FREE]
-    others = [path for path in others if 'interval' not in path.parts]
+    others = [path for path in CORE_SOURCES if 'interval' not in path.parts]
     assert [module_name(path) for path in others if rounds_itself(path)] == []
-
-
-@pytest.mark.parametrize('package', ['dg_localization', 'msg_adapters'])
-def test_import_needs_neither_numba_nor_ros(package):
-    code = f'import sys, {package}; sys.exit(bool({{"numba", "rclpy"}} & set(sys.modules)))'
-    assert run_python(code).returncode == 0

@@ -1,24 +1,36 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What installs the package: its metadata agree with each other and with the sources."""
+"""What installs the package, and what development installs by version and hash."""
 
-import ast
 from importlib import import_module
+from itertools import pairwise
 import os
 from pathlib import Path
 import re
+import runpy
 import subprocess
 import sys
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
+from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
+from packaging.utils import canonicalize_name
+from plain_python import run_python
 import pytest
+import setuptools
 import yaml
 
 from dg_localization.optional import install_hint
 
 REPOSITORY = Path(__file__).parents[1]
 ROOMS = ('dg_localization', 'msg_adapters')
+SOURCES = [path for room in ROOMS for path in (REPOSITORY / room).rglob('*.py')]
+FOLDER = REPOSITORY / 'requirements'
+MAKEFILE = (REPOSITORY / 'Makefile').read_text(encoding='utf-8')
+FILES = sorted(FOLDER.glob('*.txt'))
+ENTRY = re.compile(r'^([a-z0-9][a-z0-9._-]*)==(\S+)', re.IGNORECASE | re.MULTILINE)
 # The keys of package.xml that are no ROS packages, each an apt package in rosdistro's
 # rosdep/python.yaml. With a pip key the package could not be released.
 ROSDEP_KEYS = {
@@ -32,14 +44,19 @@ ROSDEP_KEYS = {
 
 
 @pytest.fixture(scope='module')
+def setup_arguments():
+    """Run setup.py without setting up anything, and return the arguments of `setup`."""
+    asked = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(setuptools, 'setup', lambda **arguments: asked.update(arguments))
+        patch.chdir(REPOSITORY)
+        runpy.run_path('setup.py')
+    return SimpleNamespace(**asked)
+
+
+@pytest.fixture(scope='module')
 def manifest():
     return ElementTree.parse(REPOSITORY / 'package.xml').getroot()
-
-
-@pytest.mark.parametrize('room', ROOMS)
-def test_types_are_installed(setup_arguments, room):
-    assert setup_arguments.package_data[room] == ['py.typed']
-    assert (REPOSITORY / room / 'py.typed').is_file()
 
 
 def test_manifest_and_setup_agree(setup_arguments, manifest):
@@ -48,21 +65,6 @@ def test_manifest_and_setup_agree(setup_arguments, manifest):
     for tag in ('name', 'version', 'license'):
         assert manifest.findtext(tag) == getattr(setup_arguments, tag)
     assert 'Apache License' in (REPOSITORY / manifest.find('license').get('file')).read_text()
-
-
-def test_every_ros_package_in_use_is_in_the_manifest(manifest):
-    declared = {element.text for element in manifest.findall('exec_depend')}
-    imported = set()
-    for path in (path for room in ROOMS for path in (REPOSITORY / room).rglob('*.py')):
-        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
-            if isinstance(node, ast.ImportFrom) and not node.level:
-                imported.add(node.module.partition('.')[0])
-            elif isinstance(node, ast.Import):
-                imported.update(alias.name.partition('.')[0] for alias in node.names)
-    ros = {name for name in imported if name.endswith(('_msgs', '_srvs', '_interfaces'))}
-    # rclpy itself depends on the interfaces of parameters.
-    assert ros - {'rcl_interfaces'} <= declared
-    assert 'python3-numpy' in declared and 'rclpy' in declared
 
 
 def test_every_key_of_the_manifest_exists(manifest):
@@ -76,22 +78,16 @@ def test_the_changelog_has_the_form_that_releases_need(manifest):
     lines = (REPOSITORY / 'CHANGELOG.rst').read_text(encoding='utf-8').splitlines()
     title = f'Changelog for package {manifest.findtext("name")}'
     assert lines[:3] == ['^' * len(title), title, '^' * len(title)]
-    sections = [
-        line
-        for line, rule in zip(lines, lines[1:], strict=False)
-        if rule and rule == '-' * len(line)
-    ]
+    sections = [one for one, rule in pairwise(lines) if rule and rule == '-' * len(one)]
     assert sections
     assert all(re.fullmatch(r'Forthcoming|[\d.]+ \(\d{4}-\d\d-\d\d\)', name) for name in sections)
 
 
-def test_every_folder_of_sources_is_installed(setup_arguments):
-    folders = {
-        '.'.join(path.parent.relative_to(REPOSITORY).parts)
-        for room in ROOMS
-        for path in (REPOSITORY / room).rglob('*.py')
-    }
+def test_every_folder_of_sources_is_installed_with_its_types(setup_arguments):
+    folders = {'.'.join(path.parent.relative_to(REPOSITORY).parts) for path in SOURCES}
     assert set(setup_arguments.packages) == folders
+    assert setup_arguments.package_data == {room: ['py.typed'] for room in ROOMS}
+    assert all((REPOSITORY / room / 'py.typed').is_file() for room in ROOMS)
 
 
 def test_share_holds_the_marker_the_manifest_and_every_configuration(setup_arguments):
@@ -115,10 +111,8 @@ def test_every_executable_has_a_function(setup_arguments):
 
 def test_only_numpy_is_required(setup_arguments):
     # setuptools is there for colcon, which asks for it.
-    assert [text.rstrip('>=.0123456789') for text in setup_arguments.install_requires] == [
-        'setuptools',
-        'numpy',
-    ]
+    required = [Requirement(text).name for text in setup_arguments.install_requires]
+    assert required == ['setuptools', 'numpy']
 
 
 def test_a_package_that_a_message_says_to_install_is_one_of_an_extra(setup_arguments):
@@ -126,8 +120,7 @@ def test_a_package_that_a_message_says_to_install_is_one_of_an_extra(setup_argum
     offered = {re.match(r'[\w.-]+', text).group() for text in extras}
     named = {
         name
-        for room in ROOMS
-        for path in (REPOSITORY / room).rglob('*.py')
+        for path in SOURCES
         for name in re.findall(r'install_hint\(["\']([\w.-]+)', path.read_text(encoding='utf-8'))
     }
     assert named and named <= offered
@@ -154,84 +147,47 @@ def test_actions_are_pinned_and_may_only_read():
     for path in (REPOSITORY / '.github/workflows').glob('*.yml'):
         workflow = yaml.safe_load(path.read_text(encoding='utf-8'))
         assert workflow['permissions'] == {'contents': 'read'}
-        actions = [
-            step['uses']
-            for job in workflow['jobs'].values()
-            for step in job['steps']
-            if 'uses' in step
-        ]
+        steps = [step for job in workflow['jobs'].values() for step in job['steps']]
+        actions = [step['uses'] for step in steps if 'uses' in step]
         assert actions
         assert all(re.fullmatch(r'[\w/-]+@[0-9a-f]{40}', action) for action in actions)
 
 
-def run_set_up(tmp_path, **environment):
-    return subprocess.run(
-        ['make', '--no-print-directory', 'venv', f'VENV={tmp_path / "venv"}'],
-        cwd=REPOSITORY,
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-
-
 @pytest.mark.parametrize(
-    ('environment', 'reason'),
+    ('folder', 'environment', 'reason'),
     [
-        ({'ROS_DISTRO': 'humble'}, 'this package is for jazzy and lyrical'),
-        ({'ROS_DISTRO': '', 'PYTHON': 'no_such_python'}, 'PYTHON=no_such_python: not found'),
+        ('venv', {'ROS_DISTRO': 'humble'}, 'this package is for jazzy and lyrical'),
+        ('venv', {'ROS_DISTRO': '', 'PYTHON': 'no_python'}, 'PYTHON=no_python: not found'),
         # `false` stands for an interpreter that is too old: it fails the check of its version.
-        ({'ROS_DISTRO': '', 'PYTHON': 'false'}, 'this package needs Python 3.11 or newer'),
+        ('venv', {'ROS_DISTRO': '', 'PYTHON': 'false'}, 'this package needs Python 3.11 or newer'),
+        ('work', {'ROS_DISTRO': '', 'PYTHON': sys.executable}, 'is no virtual environment'),
     ],
 )
-def test_set_up_refuses_what_cannot_work(tmp_path, environment, reason):
-    result = run_set_up(tmp_path, **environment)
-    assert result.returncode != 0
-    assert reason in result.stderr
-    assert not (tmp_path / 'venv').exists()
-
-
-def test_set_up_does_not_remove_a_folder_that_is_no_environment(tmp_path):
-    folder = tmp_path / 'venv'
-    folder.mkdir()
-    (folder / 'thesis.txt').write_text('years of work')
-    result = run_set_up(tmp_path, ROS_DISTRO='', PYTHON=sys.executable)
-    assert result.returncode != 0
-    assert 'exists and is no virtual environment' in result.stderr
-    assert (folder / 'thesis.txt').exists()
+def test_set_up_refuses_what_cannot_work(tmp_path, folder, environment, reason):
+    thesis = tmp_path / 'work/thesis.txt'
+    thesis.parent.mkdir()
+    thesis.write_text('years of work')
+    command = 'make', '--no-print-directory', 'venv', f'VENV={tmp_path / folder}'
+    environment = os.environ | environment
+    options = {'cwd': REPOSITORY, 'capture_output': True, 'text': True, 'timeout': 60}
+    result = subprocess.run(command, env=environment, **options)
+    assert result.returncode != 0 and reason in result.stderr
+    # Nothing is made, and nothing is removed.
+    assert [*tmp_path.rglob('*')] == [thesis.parent, thesis]
 
 
 @pytest.mark.parametrize(('stated', 'threads'), [({}, '1'), ({'OPENBLAS_NUM_THREADS': '4'}, '4')])
-def test_blas_has_one_thread_unless_the_environment_says_otherwise(stated, threads):
+def test_blas_has_one_thread_unless_the_environment_says_otherwise(monkeypatch, stated, threads):
+    monkeypatch.delenv('OPENBLAS_NUM_THREADS', raising=False)
     code = 'import dg_localization, os; print(os.environ["OPENBLAS_NUM_THREADS"])'
-    environment = {k: v for k, v in os.environ.items() if k != 'OPENBLAS_NUM_THREADS'} | stated
-    command = [sys.executable, '-c', code]
-    found = subprocess.run(
-        command, cwd=REPOSITORY, env=environment, capture_output=True, text=True
-    )
-    assert found.stdout.strip() == threads, found.stderr
+    assert run_python(code, **stated).stdout.strip() == threads
 
 
 def test_two_processes_never_get_the_same_domain():
-    code = (
-        'from dg_localization.ros.domain import claim_domain;'
-        'print(claim_domain(), flush=True); input()'
-    )
-    processes = [
-        subprocess.Popen(
-            [sys.executable, '-c', code],
-            cwd=REPOSITORY,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        for _ in range(3)
-    ]
-    domains = {process.stdout.readline().strip() for process in processes}
-    for process in processes:
-        process.communicate('\n', timeout=20)
-    assert len(domains) == 3
-    assert os.environ['ROS_DOMAIN_ID'] not in domains
+    """This process has one already."""
+    domain = 'from dg_localization.ros import domain'
+    claimed = run_python(f'{domain}; print(domain.claim_domain(), domain.claim_domain())').stdout
+    assert len({*claimed.split(), os.environ['ROS_DOMAIN_ID']}) == 3
 
 
 def test_every_source_names_its_license():
@@ -243,3 +199,71 @@ def test_every_source_names_its_license():
     for source in sources:
         text = (REPOSITORY / source).read_text(encoding='utf-8')
         assert not text or '# SPDX-License-Identifier: Apache-2.0' in text[:1000], source
+
+
+def pinned(path):
+    """Return the versions of each package in a file, by its name."""
+    versions = {}
+    for package, version in ENTRY.findall(path.read_text(encoding='utf-8')):
+        versions.setdefault(canonicalize_name(package), []).append(version)
+    return versions
+
+
+@pytest.mark.parametrize('path', FILES, ids=lambda path: path.stem)
+def test_every_package_is_pinned_by_version_and_hash(path):
+    text = path.read_text(encoding='utf-8')
+    entries = re.split(r'^(?=[^\s#])', text, flags=re.MULTILINE)[1:]
+    assert entries
+    for entry in entries:
+        assert ENTRY.match(entry), entry
+        assert re.search(r'--hash=sha256:[0-9a-f]{64}\b', entry), entry
+    # No address: everything comes from the index of the machine.
+    assert not re.search(r'://|^-|@ ', text, re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    ('file', 'left_out'),
+    [
+        ('wheels', ()),
+        ('jazzy', ('ros', 'numpy')),
+        ('lyrical', ('ros', 'numpy')),
+        ('colcon', ('numpy',)),
+        ('docs', ('numpy',)),
+    ],
+)
+def test_versions_are_those_that_setup_allows(setup_arguments, file, left_out):
+    extras = re.search(r'^extras = (.*)$', MAKEFILE, re.MULTILINE).group(1).split()
+    others = {'wheels': [*extras, 'ros'], 'colcon': ['colcon'], 'docs': ['docs']}
+    extras = others.get(file, extras)
+    wanted = [text for extra in extras for text in setup_arguments.extras_require[extra]]
+    versions = pinned(FOLDER / f'{file}.txt')
+    for text in [*wanted, *setup_arguments.install_requires]:
+        requirement = Requirement(text)
+        if requirement.name in left_out or requirement.name == 'setuptools' != file:
+            continue
+        found = versions.get(canonicalize_name(requirement.name), [])
+        assert found or requirement.name == 'setuptools', text
+        assert all(requirement.specifier.contains(version) for version in found), text
+    assert not set(versions) & set(left_out)
+
+
+def test_numpy_of_the_system_is_what_the_packages_beside_ros_are_chosen_for(setup_arguments):
+    (line,) = re.findall(r'^numpy==(.*)$', (FOLDER / 'jazzy.in').read_text(), re.MULTILINE)
+    (wanted,) = [text for text in setup_arguments.install_requires if 'numpy' in text]
+    assert line.startswith('1.') and Requirement(wanted).specifier.contains(line)
+
+
+def test_colcon_gets_the_setuptools_it_can_work_with():
+    (version,) = pinned(FOLDER / 'colcon.txt')['setuptools']
+    assert version in SpecifierSet('<80')
+
+
+def test_nothing_is_installed_without_its_hash():
+    scripts = MAKEFILE + (REPOSITORY / '.ci/run').read_text(encoding='utf-8')
+    scripts = scripts.replace('\\\n', ' ')
+    installs = re.findall(r'^.*\bpip \S*(?:install|download)\b.*$', scripts, re.MULTILINE)
+    assert len(installs) >= 5
+    # Besides this package itself: what writes these files, and what `make bench` compares with.
+    others = [line for line in installs if '-r ' not in line and '--editable .' not in line]
+    assert [line.split()[-1] for line in others] == ['uv', "'.[compare]'"]
+    assert '--no-deps --no-build-isolation --require-hashes "$$@"' in MAKEFILE
