@@ -1,27 +1,43 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Serialized messages for a fleet at rest: true ones, useless ones, and anything at all."""
+"""Messages for a fleet at rest: true ones, useless ones, and anything at all."""
 
 from dataclasses import dataclass, field
 import math
 from random import Random
+import struct
 
-from geometry_msgs.msg import Vector3Stamped
-from nav_msgs.msg import Odometry
 import numpy as np
-from rclpy.serialization import serialize_message
-from sensor_msgs.msg import PointCloud2, PointField, Range
 
 from dg_localization import SolverOptions
 from dg_localization.fleet import Anchor, FleetConfig, LinkKey, LinkKind
-from dg_localization.ros.interface.links import Link
+from dg_localization.fleet.rotations import quaternion_of_yaw
+from dg_localization.ros.interface.links import ANY_OBSERVER, Link
+from msg_adapters import (
+    BearingReading,
+    CameraReading,
+    IdentifiedReading,
+    OdometryReading,
+    PeersReading,
+    PixelReading,
+    RangeReading,
+    adapter_for,
+)
 
 RANGE, BEARING = 'sensor_msgs/msg/Range', 'geometry_msgs/msg/Vector3Stamped'
 ODOMETRY, CLOUD = 'nav_msgs/msg/Odometry', 'sensor_msgs/msg/PointCloud2'
-STRANGER = 'strånger'
+RADIOS, FRAMES = 'uwb_ros/msg/RangeStamped', 'nlink_parser/msg/LinktrackNodeframe2'
+TAGS, BOXES_2D = 'apriltag_msgs/msg/AprilTagDetectionArray', 'vision_msgs/msg/Detection2DArray'
+BOXES_3D, CAMERA_INFO = 'vision_msgs/msg/Detection3DArray', 'sensor_msgs/msg/CameraInfo'
+# How messages write the number of a robot or an anchor.
+IDS = {RADIOS: '{}', FRAMES: '1:{}', TAGS: 'tag36h11:{}', BOXES_2D: 'n_{}', BOXES_3D: 'n_{}'}
+CAMERA = CameraReading(0.0, 'eye_optical', (400.0, 400.0), (320.0, 240.0))
+# A name and a number that are not of the fleet, and a number that it ignores.
+STRANGER, STRANGE_NUMBER, IGNORED = 'strånger', 88, 77
 
 NAN, INF = math.nan, math.inf
+NOT_FINITE, AHEAD = (NAN, INF, -INF), (1.0, 0.0, 0.0)
 FLOATS = (
     *(NAN, INF, -INF, 0.0, -0.0, 5e-324, -5e-324, 1e-300, 1e-45, 1e-30, 1e-7, -1.0, 1.0),
     *(1.0 + 2**-52, 1e6, 1e16, 1e30, 1e154, 1e155, 1e300, 1.7976931348623157e308, -1.7e308),
@@ -34,9 +50,21 @@ SECONDS = (0, 1, -1, 2**31 - 1, -(2**31))
 NANOSECONDS = (0, 1, 999_999_999, 10**9, 2**32 - 1)
 COUNTS = (0, 1, 2, 3, 7, 2**16, 2**31, 2**32 - 1)
 TEXTS = ('', 'r0', 'map', '/', '../../etc/passwd', '{observer}', '%s %n', 'röbot', '🤖', '\u202e')
-TEXTS += ('a\tb\nc', '\x01', 'x' * 500, '\ud7ff', '\ufeff', 'é' * 200)
-NAMES = ('peer', 'range', 'x', 'y', 'z', '', 'peer ', 'Peer', 'intensity', '🤖')
-NAMES += ('reference', 'range_difference')
+TEXTS += ('a\tb\nc', '\x01', 'x' * 500, '\ud7ff', '\ufeff', 'é' * 200, 'reference', 'peer', 'x')
+ANYTHING = (
+    *(None, '', 'x', b'y', True, -1, 0, 1, 255, 2**31, 2**64, 10**400, -0.0, 1e-320, 1e308),
+    *(NAN, INF, -INF, 3 + 4j, [], [None], {}, (1.0, 2.0), np.arange(3.0), object()),
+)
+# What a field of a message of an installed package may hold, by its type.
+VALUES = {
+    'double': FLOATS,
+    'float': SINGLES,
+    'int32': SECONDS,
+    'uint32': (*COUNTS, *NANOSECONDS),
+    'uint8': (0, 1, 5, 6, 7, 8, 9, 255),
+    'boolean': (False, True),
+    'string': TEXTS,
+}
 
 
 @dataclass
@@ -52,7 +80,6 @@ class HostileFleet:
     positions_m: np.ndarray
     yaws_rad: np.ndarray
     now_s: float
-    links: list = field(default_factory=list)
     newest_odometry_s: dict = field(default_factory=dict)
 
     @classmethod
@@ -79,28 +106,27 @@ class HostileFleet:
             solver=SolverOptions(resolution=0.5, max_boxes=8, max_seconds=0.2),
         )
         yaws = np.array([random.uniform(-3, 3) for _ in positions])
-        now_s = random.choice((5.0, 1.7e9))
-        fleet = cls(random, config, positions, yaws, now_s)
-        points = config.points
-        for robot in robots:
-            fleet.links.append(Link(f'/{robot}/odom', ODOMETRY, _key(LinkKind.ODOMETRY, robot)))
-            fleet.links.append(Link(f'/{robot}/peers', CLOUD, _key(LinkKind.PEERS, robot)))
-            for target in points:
-                if target != robot:
-                    for kind, type_name in ((LinkKind.RANGE, RANGE), (LinkKind.BEARING, BEARING)):
-                        key = _key(kind, robot, target)
-                        fleet.links.append(Link(f'/{robot}/{kind}/{target}', type_name, key))
-        return fleet
+        return cls(random, config, positions, yaws, random.choice((5.0, 1.7e9)))
 
-    @property
-    def strangers(self):
-        """Links from, or to, a point that is not of the fleet."""
-        robot = self.config.robots[0]
-        return [
-            Link('/s/range', RANGE, _key(LinkKind.RANGE, STRANGER, robot)),
-            Link('/s/bearing', BEARING, _key(LinkKind.BEARING, robot, STRANGER)),
-            Link('/s/odom', ODOMETRY, _key(LinkKind.ODOMETRY, STRANGER)),
-            Link('/s/peers', CLOUD, _key(LinkKind.PEERS, STRANGER)),
+    def __post_init__(self):
+        """Name the inputs of the fleet, those of strangers, and the cameras."""
+        points, robots = self.config.points, self.config.robots
+        self.ids = {text.format(k): p for text in IDS.values() for k, p in enumerate(points)}
+        self.ids |= {text.format(IGNORED): '-' for text in IDS.values()}
+        self.links = [_link(kind, LinkKind.PEERS, ANY_OBSERVER) for kind in (RADIOS, FRAMES)]
+        for robot in robots:
+            self.links.append(_link(ODOMETRY, LinkKind.ODOMETRY, robot))
+            for kind in (CLOUD, TAGS, BOXES_2D, BOXES_3D):
+                self.links.append(_link(kind, LinkKind.PEERS, robot))
+            for target in (point for point in points if point != robot):
+                self.links.append(_link(RANGE, LinkKind.RANGE, robot, target))
+                self.links.append(_link(BEARING, LinkKind.BEARING, robot, target))
+        self.cameras = [_link(CAMERA_INFO, LinkKind.CAMERA, robot) for robot in robots]
+        self.strangers = [
+            _link(RANGE, LinkKind.RANGE, STRANGER, robots[0]),
+            _link(BEARING, LinkKind.BEARING, robots[0], STRANGER),
+            _link(ODOMETRY, LinkKind.ODOMETRY, STRANGER),
+            _link(CLOUD, LinkKind.PEERS, STRANGER),
         ]
 
     def pass_time(self):
@@ -112,214 +138,194 @@ class HostileFleet:
     # True readings.
 
     def true_message(self, link):
-        """Return a message that obeys all bounds."""
-        link = self._within_fleet(link)
-        message = _CLASSES[link.type_name]()
-        self._stamp(message, self.now_s - self.random.choice((0.0, 0.01, 0.1, 0.5)))
-        getattr(self, f'_fill_{link.key.kind.value}')(message, link.key)
-        return message
+        """Return a message that obeys all bounds; of cameras, what lies before them."""
+        return adapter_for(link.type_name).to_message(self._true_reading(*self._sender(link)))
 
-    def _within_fleet(self, link):
-        """Return a link of the fleet: a stranger sends what a robot would."""
+    def _sender(self, link):
+        """Return a link of the fleet and its robot: a stranger sends what a robot would."""
         if STRANGER in (link.key.observer, link.key.target):
-            return self.random.choice([x for x in self.links if x.type_name == link.type_name])
-        return link
+            link = self.random.choice([x for x in self.links if x.type_name == link.type_name])
+        if link.key.observer == ANY_OBSERVER:
+            return link, self.random.choice(self.config.robots)
+        return link, link.key.observer
 
-    def _stamp(self, message, stamp_s):
-        sec, nanosec = divmod(round(stamp_s * 1e9), 1_000_000_000)
-        message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
-
-    def _index(self, name):
-        return self.config.points.index(name)
+    def _true_reading(self, link, robot):
+        random, points = self.random, self.config.points
+        stamp_s = self.now_s - random.choice((0.0, 0.01, 0.1, 0.5))
+        match link.key.kind:
+            case LinkKind.CAMERA:
+                return CAMERA
+            case LinkKind.RANGE:
+                limits_m = random.choice(((None, None), (0.0, 100.0)))
+                return RangeReading(stamp_s, self._range_m(robot, link.key.target), *limits_m)
+            case LinkKind.BEARING:
+                return BearingReading(stamp_s, self._ray(robot, link.key.target))
+            case LinkKind.ODOMETRY:
+                stamp_s = max(self.now_s, self.newest_odometry_s.get(robot, -INF) + 1e-6)
+                self.newest_odometry_s[robot] = stamp_s
+                orientation = quaternion_of_yaw(self.yaws_rad[points.index(robot)])
+                return OdometryReading(stamp_s, np.array([3.0, -4.0, 0.0]), orientation)
+        others = [point for point in points if point != robot]
+        n_others = 1 if link.type_name == RADIOS else random.randint(1, len(others))
+        seen = random.sample(others, n_others)
+        ranges_m = np.array([self._range_m(robot, point) for point in seen])
+        rays = np.array([self._ray(robot, point) for point in seen])
+        numbers = [points.index(point) for point in seen]
+        if link.type_name == CLOUD:
+            return PeersReading(stamp_s, np.array(numbers), ranges_m, rays)
+        text = IDS[link.type_name]
+        ids = tuple(map(text.format, numbers))
+        if link.type_name in (RADIOS, FRAMES):
+            return IdentifiedReading(stamp_s, text.format(points.index(robot)), ids, ranges_m)
+        if link.type_name == BOXES_3D:
+            nothing = np.full(len(seen), NAN)
+            return IdentifiedReading(stamp_s, '', ids, nothing, rays, 'base_link')
+        # A camera sees what is before it.
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        front = rays[:, 0] > 0.05
+        pixels = 400.0 * -rays[front, 1:] / rays[front, :1] + (320.0, 240.0)
+        kept = tuple(one for one, is_seen in zip(ids, front, strict=True) if is_seen)
+        return PixelReading(stamp_s, kept, pixels, CAMERA.frame_id)
 
     def _gap(self, observer, target):
-        gap = np.zeros(3)
-        q = self.config.dimension
-        gap[:q] = self.positions_m[self._index(target)] - self.positions_m[self._index(observer)]
+        points, gap = self.config.points, np.zeros(3)
+        ends_m = self.positions_m[[points.index(target), points.index(observer)]]
+        gap[: self.config.dimension] = ends_m[0] - ends_m[1]
         return gap
 
-    def _true_range_m(self, observer, target):
+    def _range_m(self, observer, target):
         distance_m = float(np.linalg.norm(self._gap(observer, target)))
         return distance_m * self.random.uniform(0.975, 1.025)
 
-    def _true_ray(self, observer, target):
-        gap = self._gap(observer, target)
-        turn = self.random.uniform(-0.045, 0.045) - self.yaws_rad[self._index(observer)]
+    def _ray(self, observer, target):
+        gap, yaw_rad = (
+            self._gap(observer, target),
+            self.yaws_rad[self.config.points.index(observer)],
+        )
+        turn = self.random.uniform(-0.045, 0.045) - yaw_rad
         c, s = math.cos(turn), math.sin(turn)
         ray = np.array([c * gap[0] - s * gap[1], s * gap[0] + c * gap[1], gap[2]])
         return ray * self.random.choice((1.0, 1e-3, 1e6)) / np.linalg.norm(gap)
-
-    def _fill_range(self, message, key):
-        message.range = self._true_range_m(key.observer, key.target)
-        if self.random.random() < 0.5:
-            message.min_range, message.max_range = 0.0, 100.0
-
-    def _fill_bearing(self, message, key):
-        x, y, z = self._true_ray(key.observer, key.target).tolist()
-        message.vector.x, message.vector.y, message.vector.z = x, y, z
-
-    def _fill_odometry(self, message, key):
-        robot = key.observer
-        newest_s = self.newest_odometry_s.get(robot, -INF)
-        self.newest_odometry_s[robot] = stamp_s = max(self.now_s, newest_s + 1e-6)
-        self._stamp(message, stamp_s)
-        half = self.yaws_rad[self._index(robot)] / 2.0
-        pose = message.pose.pose
-        pose.position.x, pose.position.y = 3.0, -4.0
-        pose.orientation.z, pose.orientation.w = math.sin(half), math.cos(half)
-
-    def _fill_peers(self, message, key):
-        others = [p for p in self.config.points if p != key.observer]
-        rows = [
-            (
-                self._index(name),
-                self._true_range_m(key.observer, name),
-                *self._true_ray(key.observer, name).tolist(),
-            )
-            for name in self.random.sample(others, self.random.randint(0, len(others)))
-        ]
-        self._fill_cloud(message, rows)
-
-    def _fill_cloud(self, message, rows):
-        order = '>' if self.random.random() < 0.2 else '<'
-        table = np.array(rows, dtype=_columns(order)) if rows else np.empty(0, _columns(order))
-        message.height, message.width = 1, len(rows)
-        message.is_bigendian = order == '>'
-        message.point_step = table.dtype.itemsize
-        message.row_step = message.point_step * len(rows)
-        message.fields = [
-            PointField(name=name, offset=offset, datatype=datatype, count=1)
-            for name, offset, datatype in (
-                *(('peer', 0, 6), ('range', 4, 8)),
-                *(('x', 12, 8), ('y', 20, 8), ('z', 28, 8)),
-            )
-        ]
-        message.data = table.tobytes()
 
     # Messages that say nothing.
 
     def useless_message(self, link):
         """Return a message not one reading of which may be used."""
-        link = self._within_fleet(link)
-        message = self.true_message(link)
+        link, robot = self._sender(link)
+        reading = self._true_reading(link, robot)
+        to_message = adapter_for(link.type_name).to_message
+        if link.type_name == CLOUD and self.random.random() < 0.3:
+            return self._broken(to_message(reading))
         if self.random.random() < 0.3:
-            self._spoil_stamp(message)
-        else:
-            getattr(self, f'_spoil_{link.key.kind.value}')(message, link.key)
-        return message
+            late_s = self.random.choice((0.2, 5.0, 1e8, -1.1, -4.0))
+            stamps_s = 0.0, self.now_s + late_s, -1.0, -(2.0**31), 2.0**31 - 1.0
+            return to_message(replaced(reading, stamp_s=self.random.choice(stamps_s)))
+        return to_message(replaced(reading, **self._useless_values(link, robot, reading)))
 
-    def _spoil_stamp(self, message):
-        stamp = message.header.stamp
-        how = self.random.randrange(4)
+    def _broken(self, cloud):
+        """Return a cloud without columns or bytes that it needs, or with a type that is none."""
+        how = self.random.randrange(3)
         if how == 0:
-            stamp.sec, stamp.nanosec = 0, 0
+            cloud.fields = cloud.fields[: self.random.randrange(2)]
         elif how == 1:
-            self._stamp(message, self.now_s + self.random.choice((0.2, 5.0, 1e8)))
-        elif how == 2:
-            self._stamp(message, self.now_s - self.random.choice((1.1, 4.0)))
+            cloud.data = cloud.data[: self.random.randrange(cloud.point_step)]
         else:
-            stamp.sec = self.random.choice((-1, -(2**31), 2**31 - 1))
+            self.random.choice(cloud.fields).datatype = self.random.choice((0, 9, 255))
+        return cloud
 
-    def _spoil_range(self, message, key):
-        wrong = self.random.choice((NAN, -1.0, -1e-45, INF, -INF, 101.0, 3e38, 0.01))
-        message.range, message.min_range, message.max_range = wrong, 0.0, 100.0
-        if wrong == 0.01:
-            message.min_range = 0.02
-
-    def _spoil_bearing(self, message, key):
-        vector = message.vector
-        if self.random.random() < 0.5:
-            setattr(vector, self.random.choice('xyz'), self.random.choice((NAN, INF, -INF)))
-        else:
-            vector.x, vector.y, vector.z = 0.0, -0.0, 0.0
-            if self.config.dimension == 2:
-                vector.z = self.random.choice((1.0, -1e300, 5e-324))
-
-    def _spoil_odometry(self, message, key):
-        pose = message.pose.pose
-        how = self.random.randrange(4)
-        if how == 0:
-            setattr(pose.position, self.random.choice('xyz'), self.random.choice((NAN, INF, -INF)))
-        elif how == 1:
-            wrong = self.random.choice((NAN, INF, -2.0, 1e200, 1.7e308))
-            setattr(pose.orientation, self.random.choice('xyzw'), wrong)
-        elif how == 2:
-            pose.orientation.z = pose.orientation.w = 0.0
-        else:
-            pose.orientation.z, pose.orientation.w = 0.9, 0.0
-
-    def _spoil_peers(self, message, key):
-        own, n_points = self._index(key.observer), len(self.config.points)
-        other = (own + 1) % n_points
-        nothing, ray = (NAN, NAN, NAN), (1.0, 0.0, 0.0)
-        how, usual = self.random.randrange(8), [(other, 1.0, *ray)]
-        useless = [
-            [(own, 1.0, *ray)] * self.random.randint(1, 2 * n_points),
-            [(self.random.choice((n_points, 2**31, 2**32 - 1)), 1.0, *ray)],
-            [(other, NAN, *nothing), (other, -1.0, *nothing)],
-            [(other, INF, NAN, 1.0, INF), (other, -INF, 0.0, 0.0, -0.0)],
-            usual * (2 * n_points + 1),
-        ]
-        self._fill_cloud(message, useless[how] if how < len(useless) else usual)
-        if how == 5:
-            message.fields = message.fields[: self.random.randrange(2)]
-        elif how == 6:
-            message.data = message.data[: self.random.randrange(36)]
-        elif how == 7:
-            self.random.choice(message.fields).datatype = self.random.choice((0, 9, 255))
+    def _useless_values(self, link, robot, reading):
+        """Return values for some fields of a reading with which it says nothing."""
+        random, not_finite = self.random, self.random.choice(NOT_FINITE)
+        points = self.config.points
+        own, n_points = points.index(robot), len(points)
+        match reading:
+            case RangeReading():
+                range_m = random.choice((*NOT_FINITE, -1.0, -1e-45, 101.0, 3e38, 0.01))
+                least_m = 0.02 if range_m == 0.01 else 0.0
+                return {'range_m': range_m, 'min_range_m': least_m, 'max_range_m': 100.0}
+            case BearingReading():
+                up = random.choice((0.0, 1.0, -1e300, 5e-324)) if self.config.dimension == 2 else 0
+                wrong = _with_one(random, reading.ray_xyz, not_finite)
+                return {'ray_xyz': random.choice((wrong, np.array([0.0, -0.0, up])))}
+            case OdometryReading():
+                number = random.choice((NAN, INF, -2.0, 1e200, 1.7e308))
+                place_m = _with_one(random, reading.position_xyz, not_finite)
+                turned = _with_one(random, reading.orientation_xyzw, number)
+                wrong = random.choice((turned, np.zeros(4), np.array([0.0, 0.0, 0.9, 0.0])))
+                return random.choice(({'position_xyz': place_m}, {'orientation_xyzw': wrong}))
+            case PeersReading():
+                other, nothing = (own + 1) % n_points, (NAN, NAN, NAN)
+                half_infinite = random.choice(((NAN, 1.0, INF), (0.0, 0.0, -0.0)))
+                peers, range_m, ray = random.choice(
+                    (
+                        ([own] * random.randint(1, 2 * n_points), 1.0, AHEAD),
+                        ([random.choice((n_points, 2**31, 2**32 - 1))], 1.0, AHEAD),
+                        ([other] * 2, random.choice((NAN, -1.0)), nothing),
+                        ([other] * 2, random.choice((INF, -INF)), half_infinite),
+                        ([other] * (2 * n_points + 1), 1.0, AHEAD),
+                    )
+                )
+                rays, ranges_m = np.tile(ray, (len(peers), 1)), np.full(len(peers), range_m)
+                return {'peers': np.array(peers), 'ranges_m': ranges_m, 'rays_xyz': rays}
+            case PixelReading():
+                values = {'pixels_xy': np.full(reading.pixels_xy.shape, not_finite)}
+            case IdentifiedReading(observer_id=''):
+                wrong = random.choice((not_finite, 0.0))
+                values = {'rays_xyz': np.full(reading.rays_xyz.shape, wrong)}
+            case IdentifiedReading():
+                wrong = random.choice((not_finite, -1.0))
+                values = {'ranges_m': np.full(reading.ranges_m.shape, wrong)}
+        # A robot does not measure itself.
+        text, numbers = IDS[link.type_name], (IGNORED, STRANGE_NUMBER, own)
+        ids = tuple(text.format(random.choice(numbers)) for _ in reading.target_ids)
+        others = [values, {'target_ids': ids}]
+        if link.key.observer == ANY_OBSERVER:
+            others.append({'observer_id': text.format(random.choice(numbers[:2]))})
+        return random.choice(others)
 
     # Anything at all.
 
     def any_message(self, link):
-        """Return the bytes of a message some of whose fields, or bytes, are anything."""
-        choose = self.random.random()
-        message = self.true_message(link) if choose < 0.8 else self.useless_message(link)
+        """Return a message some of whose fields are anything."""
+        is_true = self.random.random() < 0.8
+        message = self.true_message(link) if is_true else self.useless_message(link)
         for _ in range(self.random.choice((0, 1, 1, 1, 2, 5))):
             self._set_anything(message)
-        data = serialized(message)
-        return self._damaged(data) if self.random.random() < 0.3 else data
+        return message
 
     def _set_anything(self, message):
-        """Set one field, however deep, to any value that its type allows."""
-        name = self.random.choice(list(message.get_fields_and_field_types()))
-        kind = message.get_fields_and_field_types()[name]
-        if kind in _VALUES:
-            setattr(message, name, self.random.choice(_VALUES[kind]))
-        elif kind.startswith('double['):
-            setattr(message, name, [self.random.choice(FLOATS)] * 36)
+        """Set one field, however deep, to anything, or to any value that its type allows."""
+        random, kinds = self.random, _fields_of(message)
+        name = random.choice(list(kinds))
+        kind, value = kinds[name], getattr(message, name)
+        part = random.choice(value) if isinstance(value, list) and value else value
+        if _fields_of(part) and random.random() < 0.8:
+            self._set_anything(part)
+        elif kind is None:
+            many = [part] * random.choice((0, 2, 50))
+            setattr(message, name, random.choice((*ANYTHING, many)))
+        elif kind in VALUES:
+            setattr(message, name, random.choice(VALUES[kind]))
+        elif kind == 'double[36]':
+            setattr(message, name, [random.choice(FLOATS)] * 36)
         elif kind == 'sequence<uint8>':
-            self._set_data(message)
+            setattr(message, name, self._any_rows(bytearray(value)))
         elif kind.startswith('sequence<'):
-            self._set_fields(message)
+            some = random.sample(value, random.randint(0, len(value)))
+            setattr(message, name, some * random.choice((1, 2, 40)))
         else:
-            self._set_anything(getattr(message, name))
+            self._set_anything(value)
 
-    def _set_data(self, cloud):
-        """Put hostile numbers into the rows of a cloud, or change their length."""
-        data = bytearray(cloud.data)
-        if len(data) >= 36 and self.random.random() < 0.7:
-            dtype = np.dtype(_columns('>' if cloud.is_bigendian else '<'))
-            table = np.frombuffer(data[: len(data) // 36 * 36], dtype).copy()
-            column = self.random.choice(dtype.names)
-            values = COUNTS if column == 'peer' else FLOATS
-            table[column][self.random.randrange(len(table))] = self.random.choice(values)
-            data = table.tobytes()
-        else:
-            data = bytes(self.random.choice((0, 1, 35, 36, 37, 300, 5_000)))
-        cloud.data = data
+    def _any_rows(self, data):
+        """Return the data of a cloud with a hostile number in it, or of another length."""
+        if len(data) < 8 or self.random.random() < 0.3:
+            return bytes(self.random.choice((0, 1, 35, 36, 37, 300, 5_000)))
+        place = self.random.randrange(0, len(data) - 7, 4)
+        code, values = self.random.choice((('<d', FLOATS), ('<I', COUNTS)))
+        struct.pack_into(code, data, place, self.random.choice(values))
+        return bytes(data)
 
-    def _set_fields(self, cloud):
-        """Drop, repeat or change a column of a cloud."""
-        fields = list(cloud.fields)
-        self.random.shuffle(fields)
-        if fields and self.random.random() < 0.5:
-            self._set_anything(fields[0])
-            fields[0].name = self.random.choice((fields[0].name, self.random.choice(NAMES)))
-        else:
-            fields = fields * self.random.choice((0, 1, 2, 40))
-        cloud.fields = fields[: self.random.choice((1, 3, 5, 500))]
-
-    def _damaged(self, data):
+    def damaged(self, data):
         """Return bytes that are cut, lengthened, or wrong in some places."""
         data = bytearray(data)
         how = self.random.randrange(4)
@@ -334,26 +340,29 @@ class HostileFleet:
         return bytes(data)
 
 
-_CLASSES = {RANGE: Range, BEARING: Vector3Stamped, ODOMETRY: Odometry, CLOUD: PointCloud2}
-_VALUES = {
-    'double': FLOATS,
-    'float': SINGLES,
-    'int32': SECONDS,
-    'uint32': (*COUNTS, *NANOSECONDS),
-    'uint8': (0, 1, 5, 6, 7, 8, 9, 255),
-    'boolean': (False, True),
-    'string': TEXTS,
-}
+def _fields_of(message):
+    """Return the fields of a message or a part of one, and their types where these are checked."""
+    if hasattr(message, 'get_fields_and_field_types'):
+        return message.get_fields_and_field_types()
+    names = getattr(type(message), '__slots__', None) or getattr(message, '__dict__', ())
+    return dict.fromkeys(names)
 
 
-def serialized(message):
-    """Return the bytes of a message."""
-    return bytes(serialize_message(message))
+def _with_one(random, numbers, wrong):
+    """Return an array of numbers with a wrong one in one place."""
+    numbers = numbers.copy()
+    numbers[random.randrange(len(numbers))] = wrong
+    return numbers
 
 
-def _columns(order):
-    return [('peer', f'{order}u4'), *((name, f'{order}f8') for name in ('range', 'x', 'y', 'z'))]
+def replaced(reading, **values):
+    """Return a reading with other values, without a check."""
+    other = object.__new__(type(reading))
+    for name, value in {**vars(reading), **values}.items():
+        object.__setattr__(other, name, value)
+    return other
 
 
-def _key(kind, observer, target=''):
-    return LinkKey(kind, observer, target)
+def _link(type_name, kind, observer, target=''):
+    topic = f'/{observer}/{type_name}/{target}'
+    return Link(topic, type_name, LinkKey(kind, observer, target))
