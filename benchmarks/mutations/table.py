@@ -728,7 +728,7 @@ FLEET = [
     *_in(
         'ros/node',
         'clock',
-        ('test/ros/test_clock.py',),
+        ('test/ros/test_node_parts.py',),
         (
             'what has waited looks new',
             'return self._last_s if self._is_simulated else self._last_s - waited_s',
