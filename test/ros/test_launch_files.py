@@ -1,13 +1,20 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The launch files: what they start, and that it starts."""
+"""The launch files: what they start, that it starts, and two fleets side by side."""
 
+from functools import partial
 from importlib.util import find_spec
+import os
 from pathlib import Path
+import signal
+import subprocess
 
-from launch_stand_ins import MissingArgumentError, install, launched
+from geometry_msgs.msg import PoseArray
+from launch_stand_ins import MissingArgumentError, install, launched, ros_arguments
+from processes import start
 import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from dg_localization.ros.executables import EXECUTABLES
 from dg_localization.ros.simulation.simulate_fleet import PARAMETERS
@@ -75,3 +82,72 @@ def test_launch_reads_the_files(path):
     from launch.launch_description_sources import PythonLaunchDescriptionSource
 
     assert PythonLaunchDescriptionSource(str(path)).try_get_launch_description_without_context()
+
+
+FLEETS = {'left': ('true', 1), 'right': ('false', 16)}
+N_ROBOTS = 6
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+DEADLINE_S = 120.0
+
+
+@pytest.fixture
+def fleets(launch, tmp_path):
+    """Start both fleets, each as one process group, as a terminal does; return the processes."""
+    started = {fleet: [] for fleet in FLEETS}
+    for fleet, (cameras, _) in FLEETS.items():
+        log = (tmp_path / f'{fleet}.log').open('a')
+        for process in launch('simulation', namespace=fleet, cameras=cameras).processes:
+            command = process.executable, *ros_arguments(process)
+            group = started[fleet][0].pid if started[fleet] else 0
+            options = {'process_group': group, 'stdout': log, 'stderr': subprocess.STDOUT}
+            started[fleet].append(start(*command, **options))
+    yield started
+    for process in (process for fleet in started.values() for process in fleet):
+        process.kill()
+        process.wait()
+
+
+def test_each_fleet_hears_itself_alone_and_ends_alone(bench, fleets, tmp_path):
+    poses = {}
+    for fleet in FLEETS:
+        topic, take = f'/{fleet}/localizer/feasible_poses', partial(poses.__setitem__, fleet)
+        bench.node.create_subscription(PoseArray, topic, take, LATCHED)
+
+    def until_placements(fleet, number):
+        bench.until(
+            lambda: fleet in poses and len(poses[fleet].poses) == number * N_ROBOTS,
+            f'{number} hypotheses of the fleet {fleet}',
+            DEADLINE_S,
+        )
+
+    everybodys = {'/diagnostics', '/parameter_events', '/rosout'}
+    for fleet, (_, n_hypotheses) in FLEETS.items():
+        until_placements(fleet, n_hypotheses)
+        node = ('localizer', f'/{fleet}')
+        # Whose a topic is arrives later than what is sent on it.
+        subscribed, published = (
+            bench.until(lambda of=of, node=node: dict(of(*node)), f'the topics of {node}')
+            for of in (
+                bench.node.get_subscriber_names_and_types_by_node,
+                bench.node.get_publisher_names_and_types_by_node,
+            )
+        )
+        assert all(topic.startswith(f'/{fleet}/robot_') for topic in subscribed)
+        assert all(topic.startswith(f'/{fleet}/') for topic in set(published) - everybodys)
+        name = f'{fleet}/localizer: fleet'
+        bench.until(lambda name=name: name in bench.heard.statuses, name)
+    # As Ctrl-C does: no traceback, and no old answers.
+    os.killpg(fleets['left'][0].pid, signal.SIGINT)
+    codes = [process.wait(timeout=20.0) for process in fleets['left']]
+    printed = (tmp_path / 'left.log').read_text()
+    assert codes == [0, 0] and 'rror' not in printed and 'Traceback' not in printed, printed
+    until_placements('left', 0)
+    poses.pop('right')
+    until_placements('right', 16)
+
+
+def test_remapped_outputs_have_their_new_names_alone(bench, make_node):
+    node = make_node('-r', '~/feasible_poses:=/fleet/poses', '-r', '/diagnostics:=fleet/state')
+    bench.until(lambda: node.count_publishers('/fleet/poses') == 1, 'the topic')
+    assert node.count_publishers('/localizer/feasible_poses') == 0
+    assert node.count_publishers('/fleet/state') == 1
