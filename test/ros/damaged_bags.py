@@ -16,12 +16,16 @@ import random
 import shutil
 import sqlite3
 import struct
+from typing import Any
 
-from mcap.writer import CompressionType, Writer as McapWriter
-from rosbags.rosbag2 import StoragePlugin
-from small_bags import PERIOD_NS, RANGE, START_NS, STORE, TRIANGLE, range_message, write_triangles
+import pytest
+from sensor_msgs.msg import Range
+from small_bags import RANGE, STORE, TRIANGLE, StoragePlugin, stamped, time_ns_of, write_triangles
+
+mcap = pytest.importorskip('mcap.writer', reason="mcap, the extra 'bags', is not installed")
 
 RANGES_M = {f'/{a}/range/{b}': range_m for (a, b), range_m in TRIANGLE.items()}
+DEFINITION, _ = STORE.generate_msgdef(RANGE, ros_version=2)
 STEPS = 9
 CHUNK_BYTES = 1000
 CHUNK = 6
@@ -65,7 +69,16 @@ def write_bag(path: Path, storage: str) -> None:
     plugin = StoragePlugin.SQLITE3 if storage == 'db3' else StoragePlugin.MCAP
     write_triangles(path, [range(STEPS)], plugin=plugin)
     if storage != 'db3':
-        _rewrite(storage_of(path), checksums=storage == 'mcap', chunks='chunks' not in storage)
+        checksums = storage == 'mcap'
+        # As rosbag2 does, the chunks small and many.
+        write_mcap(
+            storage_of(path),
+            dict.fromkeys(RANGES_M, (RANGE, DEFINITION)),
+            chunk_size=CHUNK_BYTES,
+            compression=getattr(mcap.CompressionType, 'ZSTD' if checksums else 'NONE'),
+            use_chunking='chunks' not in storage,
+            enable_crcs=checksums,
+        )
 
 
 def storage_of(bag: Path) -> Path:
@@ -73,25 +86,19 @@ def storage_of(bag: Path) -> Path:
     return path
 
 
-def _rewrite(path: Path, checksums: bool, chunks: bool) -> None:
-    """Write an .mcap anew as rosbag2 does, the chunks small and many."""
+def write_mcap(path: Path, kinds: dict[str, tuple[str, str]], **options: Any) -> None:
+    """Write ranges on topics, each with the name of a type and a definition."""
     with path.open('wb') as file:
-        writer = McapWriter(
-            file,
-            chunk_size=CHUNK_BYTES,
-            compression=CompressionType.ZSTD if checksums else CompressionType.NONE,
-            use_chunking=chunks,
-            enable_crcs=checksums,
-        )
+        writer = mcap.Writer(file, **options)
         writer.start(profile='ros2', library='test')
-        definition, _ = STORE.generate_msgdef(RANGE, ros_version=2)
-        schema = writer.register_schema(RANGE, 'ros2msg', definition.encode())
-        channels = {topic: writer.register_channel(topic, 'cdr', schema) for topic in RANGES_M}
-        for step in range(STEPS):
-            for topic, range_m in RANGES_M.items():
-                time_ns = START_NS + step * PERIOD_NS
-                data = range_message(time_ns, range_m)
-                writer.add_message(channels[topic], time_ns, data, time_ns)
+        channels = {}
+        for topic, (type_name, definition) in kinds.items():
+            schema = writer.register_schema(type_name, 'ros2msg', definition.encode())
+            channels[topic] = writer.register_channel(topic, 'cdr', schema)
+        for time_ns in map(time_ns_of, range(STEPS)):
+            for topic, channel in channels.items():
+                data = stamped(Range(range=RANGES_M.get(topic, 1.0)), time_ns)
+                writer.add_message(channel, time_ns, data, time_ns)
         writer.finish()
 
 

@@ -5,25 +5,23 @@
 
 import json
 
-from geometry_msgs.msg import PoseStamped
 import numpy as np
+import pytest
 from rclpy.serialization import serialize_message
-from rosbags.highlevel import AnyReader
-from rosbags.interfaces import (
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from sensor_msgs.msg import Range
 
 from dg_localization.ros.executables import localize_bag
 from dg_localization.ros.simulation.simulate_fleet import PARAMETERS as SIMULATION, SimulatedFleet
 from msg_adapters import adapter_for
+
+# Without these each test that needs bags is skipped.
+for package in ('rosbags', 'mcap'):
+    pytest.importorskip(package, reason=f"{package}, the extra 'bags', is not installed")
+
+from rosbags import interfaces as qos  # noqa: E402
+from rosbags.highlevel import AnyReader  # noqa: E402
+from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: E402
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: E402
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 ODD = 'strange_msgs/msg/Odd'
@@ -38,10 +36,9 @@ SIMULATED_TRUTH = '/simulate_fleet/ground_truth'
 # Two sides and the hypotenuse of a right triangle.
 TRIANGLE = {('a', 'b'): 3.0, ('a', 'c'): 4.0, ('b', 'c'): 5.0}
 PLACES = {'a': (0.0, 0.0), 'b': (3.0, 0.0), 'c': (0.0, 4.0)}
-LATCHED = Qos(
-    *(QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL),
-    *(QosTime(0, 0), QosTime(0, 0), QosLiveliness.AUTOMATIC, QosTime(0, 0), False),
-)
+KEPT = qos.QosHistory.KEEP_LAST, 1, qos.QosReliability.RELIABLE, qos.QosDurability.TRANSIENT_LOCAL
+NEVER = qos.QosTime(0, 0)
+LATCHED = qos.Qos(*KEPT, NEVER, NEVER, qos.QosLiveliness.AUTOMATIC, NEVER, False)
 PARAMETERS = {'robots': ['a', 'b', 'c'], 'max_speed': 0.1}
 
 
@@ -60,14 +57,8 @@ def stamped(message, time_ns, frame_id=''):
     return serialize_message(message)
 
 
-def range_message(time_ns, range_m, frame_id=''):
-    return stamped(Range(range=range_m), time_ns, frame_id)
-
-
-def pose_message(time_ns, place):
-    message = PoseStamped()
-    message.pose.position.x, message.pose.position.y = place
-    return stamped(message, time_ns)
+def time_ns_of(step):
+    return START_NS + round(step * PERIOD_NS)
 
 
 def record_simulation(bag, seconds=20.0, change=lambda topic, message: message, **values):
@@ -109,18 +100,17 @@ class Recorder:
     def write(self, topic, step, data, type_name=RANGE):
         if topic not in self._connections:
             self.add(topic, type_name)
-        self._writer.write(self._connections[topic], START_NS + round(step * PERIOD_NS), data)
+        self._writer.write(self._connections[topic], time_ns_of(step), data)
 
-    def write_at(self, times_ns):
-        """Write a range at each receive time."""
-        for time_ns in times_ns:
-            self.write('/a/range/b', (time_ns - START_NS) / PERIOD_NS, range_message(time_ns, 3.0))
+    def write_range(self, topic, step, range_m, stamp_ns=None, frame_id=''):
+        """Write a range with the stamp of its step, or with another one."""
+        time_ns = time_ns_of(step) if stamp_ns is None else stamp_ns
+        self.write(topic, step, stamped(Range(range=range_m), time_ns, frame_id))
 
     def write_triangle(self, steps, ranges_m=TRIANGLE):
         for step in steps:
             for (observer, target), range_m in ranges_m.items():
-                data = range_message(START_NS + step * PERIOD_NS, range_m)
-                self.write(f'/{observer}/range/{target}', step, data)
+                self.write_range(f'/{observer}/range/{target}', step, range_m)
 
     def close(self):
         self._writer.close()

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-`localize_bag` on damaged bags: it never breaks, and nothing is lost silently.
+Bags that are damaged, split or old: nothing breaks, and nothing is lost silently.
 
 The environment variables DAMAGED_BAG_BITS and DAMAGED_BAG_OTHERS say how many flipped bits, and
 how many of the other damages, are tried of each storage.
@@ -13,29 +13,34 @@ import random
 import shutil
 import sqlite3
 
+from damaged_bags import (
+    CHUNK,
+    DEFINITION,
+    STEPS,
+    damages,
+    mcap_records,
+    storage_of,
+    write_bag,
+    write_mcap,
+)
 import pytest
-
-pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not installed")
-pytest.importorskip('mcap', reason="mcap, the extra 'bags', is not installed")
-
-from damaged_bags import CHUNK, damages, mcap_records, storage_of, write_bag  # noqa: E402
-from mcap.writer import Writer as McapWriter  # noqa: E402
-from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: E402
-from small_bags import (  # noqa: E402
-    PERIOD_NS,
+from sensor_msgs.msg import Range
+from small_bags import (
+    LATCHED,
     RANGE,
-    START_NS,
-    STORE,
-    TRIANGLE,
     Recorder,
+    StoragePlugin,
     counts,
-    range_message,
+    stamped,
+    time_ns_of,
     write_parameters,
     write_triangles,
 )
-import zstandard  # noqa: E402
+import zstandard
 
-from dg_localization.ros.bags import localize_bag as module  # noqa: E402
+from dg_localization.ros.bags import localize_bag as module
+from dg_localization.ros.bags.bag import open_bag
+from dg_localization.ros.bags.reading import Reading
 
 N_BITS = int(os.environ.get('DAMAGED_BAG_BITS', '25'))
 N_OTHERS = int(os.environ.get('DAMAGED_BAG_OTHERS', '45'))
@@ -121,7 +126,7 @@ def test_a_bag_damaged_in_the_middle_gives_what_is_before(localize, tmp_path, ca
     recorder = Recorder(tmp_path / 'bag', StoragePlugin.SQLITE3)
     recorder.write_triangle(range(21))
     # One large message, whose pages the storage chains, holds the damage.
-    recorder.write('/a/range/b', 21, range_message(START_NS, 3.0, 'x' * 40_000))
+    recorder.write_range('/a/range/b', 21, 3.0, frame_id='x' * 40_000)
     recorder.write_triangle(range(22, 42))
     bag = recorder.close()
     storage = storage_of(bag)
@@ -147,13 +152,13 @@ def test_a_topic_of_which_nothing_can_be_read_is_damage(localize, recorder, caps
 
 @pytest.mark.parametrize('plugin', list(StoragePlugin))
 def test_a_bag_without_messages_is_refused_with_a_sentence(localize, tmp_path, plugin, capsys):
-    with Writer(tmp_path / 'bag', version=9, storage_plugin=plugin) as writer:
-        writer.add_connection('/a/range/b', RANGE, typestore=STORE)
-    assert localize(tmp_path / 'bag') == (1, None)
+    recorder = Recorder(tmp_path / 'bag', plugin)
+    recorder.add('/a/range/b')
+    assert localize(recorder.close()) == (1, None)
     assert 'it has no messages' in capsys.readouterr().err
 
 
-@pytest.mark.parametrize('time_ns', [-1, START_NS + 10**18, 2**63 - 1])
+@pytest.mark.parametrize('time_ns', [-1, time_ns_of(10**10), 2**63 - 1])
 def test_a_damaged_time_does_not_make_a_bag_of_centuries(localize, tmp_path, time_ns, capsys):
     bag = write_triangles(tmp_path / 'bag', [range(11)], plugin=StoragePlugin.SQLITE3)
     with sqlite3.connect(storage_of(bag)) as base:
@@ -168,8 +173,8 @@ def test_a_damaged_time_does_not_make_a_bag_of_centuries(localize, tmp_path, tim
 def test_a_gap_of_days_is_named_and_skipped(localize, recorder, step, days, capsys):
     """One message was received days before or after all others, wherever it is in the file."""
     recorder.write_triangle(range(step))
-    stray = step + days * 86_400 * 10**9 // PERIOD_NS
-    recorder.write('/a/range/b', stray, range_message(START_NS + step * PERIOD_NS, 3.0))
+    stray = step + days * 864_000
+    recorder.write_range('/a/range/b', stray, 3.0, stamp_ns=time_ns_of(step))
     recorder.write_triangle(range(step, 31))
     code, report = localize(recorder.close())
     assert 15 <= report['ticks'] <= 15 + 50 + 1
@@ -206,29 +211,18 @@ def test_a_bag_with_broken_metadata_is_read(localize, triangle_bag, before, afte
 
 def test_topics_whose_definitions_cannot_be_parsed_are_passed_over(localize, tmp_path):
     """Topics of service introspection have the definition of a service."""
-    with (tmp_path / 'bag.mcap').open('wb') as file:
-        writer = McapWriter(file)
-        writer.start(profile='ros2')
-        text = 'int32 x\n---\n=== bad ===\nint32 y'
-        kinds = {
-            '/a/range/b': (RANGE, STORE.generate_msgdef(RANGE, ros_version=2)[0]),
-            # Some converters leave out the folder.
-            '/a/range/c': ('sensor_msgs/Range', STORE.generate_msgdef(RANGE, ros_version=2)[0]),
-            # A definition of a known type that is damaged.
-            '/b/range/c': (RANGE, text),
-            '/x/_service_event': ('std_srvs/srv/Trigger_Event', text),
-        }
-        for topic, (type_name, definition) in kinds.items():
-            schema = writer.register_schema(type_name, 'ros2msg', definition.encode())
-            channel = writer.register_channel(topic, 'cdr', schema)
-            for step in range(11):
-                time_ns = START_NS + step * PERIOD_NS
-                pair = topic[1], topic[-1]
-                data = bytes(range_message(time_ns, TRIANGLE.get(pair, 1.0)))
-                writer.add_message(channel, time_ns, data, time_ns)
-        writer.finish()
+    text = 'int32 x\n---\n=== bad ===\nint32 y'
+    kinds = {
+        '/a/range/b': (RANGE, DEFINITION),
+        # Some converters leave out the folder.
+        '/a/range/c': ('sensor_msgs/Range', DEFINITION),
+        # A definition of a known type that is damaged.
+        '/b/range/c': (RANGE, text),
+        '/x/_service_event': ('std_srvs/srv/Trigger_Event', text),
+    }
+    write_mcap(tmp_path / 'bag.mcap', kinds)
     code, report = localize(tmp_path / 'bag.mcap')
-    assert code == 0 and report['accepted'] == 33 and report['damage'] == []
+    assert code == 0 and report['accepted'] == 3 * STEPS and report['damage'] == []
 
 
 @pytest.mark.parametrize('suffix', ['zst', 'zstd'])
@@ -255,3 +249,37 @@ def test_a_database_of_eloquent_is_read(localize, tmp_path):
         base.execute('UPDATE messages SET data = substr(data, 1, length(data) - 4)')
     code, report = localize(storage)
     assert code == 0 and report['accepted'] == 63
+
+
+@pytest.mark.parametrize('plugin', list(StoragePlugin), ids=str)
+@pytest.mark.parametrize('late', [-1e-8, 0.05, 9.99])
+def test_messages_at_the_end_of_a_file_come_in_order(tmp_path, plugin, late):
+    """The last message of the first file was received after the first one of the second."""
+    steps = [*range(9), 10 + late, *range(10, 20)]
+    (tmp_path / 'bag').mkdir()
+    for number, part in enumerate((steps[:10], steps[10:])):
+        recorder = Recorder(tmp_path / str(number), plugin)
+        for step in part:
+            recorder.write_range('/a/range/b', step, 3.0)
+        storage = storage_of(recorder.close())
+        shutil.move(storage, tmp_path / 'bag' / storage.name)
+    with open_bag(tmp_path / 'bag') as bag:
+        assert [message.time_ns for message in Reading(bag).messages()] == sorted(
+            map(time_ns_of, steps)
+        )
+        assert not bag.damage
+
+
+def test_what_was_latched_before_the_start_counts(recorder):
+    recorder.add('/latched', qos=[LATCHED])
+    for step in range(10):
+        if step in (1, 3, 7):
+            recorder.write_range('/latched', step, 1.0 + step)
+        recorder.write_range('/volatile', step, 1.0)
+    with open_bag(recorder.close()) as bag:
+        read = list(Reading(bag, start_s=0.5).messages())
+    assert [message.topic for message in read[:2]] == ['/latched', '/volatile']
+    assert read[0].time_ns == time_ns_of(5)
+    assert len(read) == 1 + 5 + 1
+    # The last one before the start, of 0.3 s.
+    assert read[0].data == stamped(Range(range=4.0), time_ns_of(3))

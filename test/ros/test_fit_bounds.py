@@ -10,20 +10,16 @@ import re
 
 import numpy as np
 import pytest
+from recorder import Recorder
+from small_bags import SIMULATED_TRUTH, record_simulation, write_parameters
 import yaml
 
-pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not installed")
+from dg_localization.fleet import LinkKind
+from dg_localization.ros.bags.offline import read_task
+from dg_localization.ros.executables import fit_bounds, localize_bag
+from dg_localization.simulation.moving_fleet import LANDMARKS_M, ROBOTS
 
-from recorder import Recorder  # noqa: E402
-from small_bags import SIMULATED_TRUTH, record_simulation, write_parameters  # noqa: E402
-from uwb_recording import CONFIG  # noqa: E402
-
-from dg_localization.fleet import LinkKind  # noqa: E402
-from dg_localization.ros.bags.offline import read_task  # noqa: E402
-from dg_localization.ros.executables import fit_bounds, localize_bag  # noqa: E402
-from dg_localization.simulation.moving_fleet import LANDMARKS_M, ROBOTS  # noqa: E402
-
-REPOSITORY = Path(__file__).parents[2]
+CONFIG = Path(__file__).parents[2] / 'config/tiers_uwb.yaml'
 START_S = 1_700_000_000
 FLEET = {
     'robots': list(ROBOTS),
@@ -345,7 +341,7 @@ def test_stamps_on_two_clocks_are_explained(tmp_path, learn):
 def test_bounds_per_pair_halve_the_widths_of_the_real_recording(tmp_path, shared, learn):
     bag = shared / 'data/tiers_uwb/rosbag2_shortbag'
     truth = '/vrpn_client_node/{robot}_cap/pose'
-    code, found = learn(bag, '--truth', truth, '--keep', '0.98', file=REPOSITORY / CONFIG)
+    code, found = learn(bag, '--truth', truth, '--keep', '0.98', file=CONFIG)
     assert code == 0
     assert len(found['links']) == 6
     bounds = tmp_path / 'bounds.yaml'
@@ -353,7 +349,7 @@ def test_bounds_per_pair_halve_the_widths_of_the_real_recording(tmp_path, shared
     widths = []
     for name, more in (('stated', ()), ('learned', ('--ros-args', '--params-file', bounds))):
         report = tmp_path / f'{name}.json'
-        arguments = (bag, '-o', tmp_path / name, '--params', REPOSITORY / CONFIG)
+        arguments = (bag, '-o', tmp_path / name, '--params', CONFIG)
         assert localize_bag([str(a) for a in (*arguments, '--report', report, *more)]) == 0
         widths.append(json.loads(report.read_text())['median_enclosure_width_m'])
     for robot in ('turtlebot3', 'turtlebot4', 'turtlebot5'):

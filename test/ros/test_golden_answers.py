@@ -12,17 +12,14 @@ import json
 import os
 from pathlib import Path
 
+import convert_lias
+import convert_mrclam
 import numpy as np
 import pytest
+from recorder import Recorder
+from small_bags import read
 
-pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not installed")
-
-import convert_lias  # noqa: E402
-import convert_mrclam  # noqa: E402
-from recorder import Recorder  # noqa: E402
-from small_bags import read  # noqa: E402
-
-from dg_localization.ros.executables import localize_bag  # noqa: E402
+from dg_localization.ros.executables import localize_bag
 
 REPOSITORY = Path(__file__).parents[2]
 GOLDEN = REPOSITORY / 'test/golden/answers.json'

@@ -1,56 +1,53 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The executable `localize_bag`: small bags written here, and the real UWB recording."""
+"""The executable `localize_bag` with one bag and with several."""
 
 import json
 import math
 import os
 from pathlib import Path
-import re
 import signal
 import subprocess
 
+from estimates import half_widths_of
+from geometry_msgs.msg import Point, PointStamped
+from nav_msgs.msg import Odometry
 import numpy as np
+from processes import PIPES, start, wait_for
 import pytest
-
-pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not installed")
-
-from nav_msgs.msg import Odometry  # noqa: E402
-from processes import PIPES, start, wait_for  # noqa: E402
-from rclpy.serialization import serialize_message  # noqa: E402
-from small_bags import (  # noqa: E402
+from rclpy.serialization import serialize_message
+from small_bags import (
     ODD,
     ODD_MESSAGE,
     ODOMETRY,
-    PERIOD_NS,
     RANGE,
-    START_NS,
     TRIANGLE,
     counts,
-    range_message,
     read,
+    record_simulation,
     stamped,
+    time_ns_of,
     write_parameters,
     write_table,
+    write_triangles,
 )
-from uwb_recording import CONFIG  # noqa: E402
 
-from dg_localization.ros.bags.offline import BagLocalizer, read_task  # noqa: E402
-from dg_localization.ros.executables import localize_bag  # noqa: E402
-from msg_adapters import ElevationReading, Level, adapter_for  # noqa: E402
+from dg_localization.fleet.rotations import quaternion_of_yaw
+from dg_localization.ros.bags.offline import BagLocalizer, read_task
+from dg_localization.ros.executables import localize_bag
+from dg_localization.simulation.moving_fleet import ROBOTS
+from msg_adapters import Level, OdometryReading, PeersReading, adapter_for
 
 REPOSITORY = Path(__file__).parents[2]
-ELEVATION = 'geometry_msgs/msg/PointStamped'
+ELEVATION, CLOUD = 'geometry_msgs/msg/PointStamped', 'sensor_msgs/msg/PointCloud2'
 
 
 def test_elevations_of_a_recording_are_read(recorder, localize):
     """The true depth of a is 1 m; up to 2.9 m is stated."""
     for step in range(11):
-        time_ns = START_NS + step * PERIOD_NS
-        reading = ElevationReading(time_ns * 1e-9, -1.0)
-        message = adapter_for(ELEVATION).to_message(reading)
-        recorder.write('/a/depth', step, serialize_message(message), ELEVATION)
+        message = PointStamped(point=Point(z=-1.0))
+        recorder.write('/a/depth', step, stamped(message, time_ns_of(step)), ELEVATION)
         recorder.write_triangle([step])
     given = {'elevations__names': ['a'], 'elevations__a': [-2.9, 0.0]}
     code, report = localize(recorder.close(), elevation__topic='{observer}/depth', **given)
@@ -60,6 +57,57 @@ def test_elevations_of_a_recording_are_read(recorder, localize):
     by_name = {status.name: status for status in last.statuses}
     assert by_name['localizer: input elevation a'].values['accepted'] == '11'
     assert by_name['localizer: fleet'].values['inputs_in_use'] == '4'
+
+
+def test_range_differences_of_anchors_place_a_robot_on_the_map(recorder, localize, tmp_path):
+    """A tag on a robot that circles hears the anchors; besides there is odometry only."""
+    anchors = {'p': (-4.0, -3.0), 'q': (4.0, -4.0), 'r': (3.0, 4.0), 's': (-3.0, 3.0)}
+    rng, error_m, unknown = np.random.default_rng(5), 0.05, np.full((3, 3), math.nan)
+    # The points are the robot, the anchors and the tag.
+    seconds, references, rows = np.array([2, 3, 4]), np.ones(3, int), ['stamp,robot,x,y,yaw']
+    for step in range(60):
+        stamp_s, angle = time_ns_of(step) * 1e-9, 0.05 * step
+        x, y, yaw = math.cos(angle), math.sin(angle), angle + 0.5 * math.pi
+        rows.append(f'{stamp_s:.3f},a,{x},{y},{yaw}')
+        driven = OdometryReading(stamp_s, np.array([x, y, 0.0]), quaternion_of_yaw(yaw), 'odom')
+        data = serialize_message(adapter_for(ODOMETRY).to_message(driven))
+        recorder.write('/a/odom', step, data, ODOMETRY)
+        tag_m = np.array([x - 0.4 * y - 0.1 * x, y + 0.4 * x - 0.1 * y])
+        far_m = np.linalg.norm(np.array([*anchors.values()]) - tag_m, axis=1)
+        differences_m = far_m[seconds - 1] - far_m[0] + rng.uniform(-error_m, error_m, 3)
+        given = seconds, unknown[0], unknown, 'tag', references, differences_m
+        data = serialize_message(adapter_for(CLOUD).to_message(PeersReading(stamp_s, *given)))
+        recorder.write('/a/tag/peers', step, data, CLOUD)
+    (tmp_path / 'truth.csv').write_text('\n'.join(rows))
+    code, report = localize(
+        recorder.close(),
+        *('--truth', tmp_path / 'truth.csv'),
+        **{f'anchors.{name}.position': place for name, place in anchors.items()},
+        **{'robots': ['a'], 'max_speed': 1.0, 'covariance': 'enclosure'},
+        **{'mounts.names': ['a/tag'], 'mounts.a.tag.position': [0.4, 0.1]},
+        **{'anchors.names': [*anchors]},
+        **{'range_difference.min_error': -error_m, 'range_difference.max_error': error_m},
+    )
+    assert code == 0 and report['truth']['held'] == report['truth']['compared'] > 20
+    _, poses = read(localize.output, '/localizer/a/pose')
+    assert half_widths_of(poses[-1])[:2].max() < 0.5 and poses[-1].frame_id == 'map'
+    _, (*_, last) = read(localize.output, '/diagnostics')
+    by_name = {status.name: status.values for status in last.statuses}
+    heard = by_name['localizer: input range_difference a/tag->r-p']
+    assert heard['topic'] == '/a/tag/peers' and int(heard['accepted']) > 50
+
+
+def test_peers_in_one_message_give_the_same_answers_as_a_topic_each(localize, tmp_path):
+    answers = []
+    for name, peers in (('topics', False), ('messages', True)):
+        bag = record_simulation(tmp_path / name, 3.0, peers=peers)
+        code, _ = localize(bag, robots=list(ROBOTS), max_speed=0.3, max_turn_rate=0.5)
+        assert code == 0
+        answers.append(read(localize.output, '/localizer/feasible_poses')[1])
+    assert len(answers[0]) == 14 and len(answers[0][-1].positions_m) == len(ROBOTS)
+    for one, other in zip(*answers, strict=True):
+        # Ranges of topics are single numbers.
+        np.testing.assert_allclose(one.positions_m, other.positions_m, atol=1e-4)
 
 
 def test_the_outputs_are_those_of_the_node(localize, triangle_bag):
@@ -74,7 +122,7 @@ def test_the_outputs_are_those_of_the_node(localize, triangle_bag):
         '/diagnostics': 3,
     }
     times_ns, values = read(localize.output, '/localizer/feasible_poses')
-    assert times_ns == [START_NS + 2 * k * PERIOD_NS for k in range(1, 11)]
+    assert times_ns == [time_ns_of(2 * k) for k in range(1, 11)]
     assert [v.stamp_s for v in values] == pytest.approx([t * 1e-9 for t in times_ns], abs=1e-6)
     assert {value.frame_id for value in values} == {'fleet'}
     placed = values[-1].positions_m.reshape(2, 3, 3)
@@ -96,7 +144,7 @@ def test_the_outputs_are_those_of_the_node(localize, triangle_bag):
 def test_start_and_duration_choose_the_ticks(localize, triangle_bag):
     _, report = localize(triangle_bag, '--start', '0.5', '--duration', '0.7')
     times_ns, _ = read(localize.output, '/localizer/feasible_poses')
-    assert times_ns == [START_NS + step * PERIOD_NS for step in (7, 9, 11)]
+    assert times_ns == [time_ns_of(step) for step in (7, 9, 11)]
     assert report['start_s'] == 0.5 and report['end_s'] == pytest.approx(1.2)
     # What was measured before the start is not known.
     assert report['accepted'] == 7 * 3
@@ -123,13 +171,14 @@ def test_a_contradiction_is_reported_with_its_time(localize, recorder, capsys):
 def test_rejected_measurements_are_counted_by_reason(localize, recorder, capsys):
     recorder.write_triangle(range(11))
     for step in range(11):
-        recorder.write('/b/range/a', step, range_message(0, 3.0))
-        now_ns = START_NS + step * PERIOD_NS
-        recorder.write('/c/range/a', step, range_message(now_ns, -1.0))
-        recorder.write('/c/range/stranger', step, range_message(now_ns, 2.0))
+        recorder.write_range('/b/range/a', step, 3.0, stamp_ns=0)
+        recorder.write_range('/c/range/a', step, -1.0)
+        recorder.write_range('/c/range/b', step, math.nan)
+        recorder.write_range('/c/range/stranger', step, 2.0)
     code, report = localize(recorder.close())
     assert code == 0 and report['accepted'] == 33
-    assert report['rejected'] == {'negative': 11, 'unknown_robot': 11, 'zero_stamp': 11}
+    reasons = 'negative', 'unknown_robot', 'zero_stamp', 'nan'
+    assert report['rejected'] == dict.fromkeys(reasons, 11)
     by_name = {one['input']: one for one in report['inputs']}
     assert by_name['range a->b']['accepted'] == 11
     assert by_name['range c->a']['topics'] == ['/c/range/a']
@@ -137,6 +186,10 @@ def test_rejected_measurements_are_counted_by_reason(localize, recorder, capsys)
     assert '-1' in by_name['range c->a']['last_rejection']
     told = capsys.readouterr().out
     assert 'range -1.0 m is negative' in told and "'stranger' is not one of" in told
+    # The reasons of the node are there once.
+    rows = [line for line in told.splitlines() if 'nothing acceptable received' in line]
+    assert len(rows) == 4 and all('(5 ticks)' in row for row in rows)
+    assert any(run['status'] == 'input range c->b' for run in report['said'])
 
 
 def test_answers_are_for_the_time_of_the_odometry_as_those_of_the_node(localize, recorder):
@@ -144,8 +197,7 @@ def test_answers_are_for_the_time_of_the_odometry_as_those_of_the_node(localize,
     for step in range(21):
         recorder.write_triangle([step])
         for robot in 'abc':
-            stamp_ns = START_NS + step * PERIOD_NS - late_ns
-            data = stamped(Odometry(), stamp_ns, f'{robot}/odom')
+            data = stamped(Odometry(), time_ns_of(step) - late_ns, f'{robot}/odom')
             recorder.write(f'/{robot}/odom', step, data, ODOMETRY)
     code, _ = localize(recorder.close())
     assert code == 0
@@ -159,8 +211,7 @@ def test_answers_are_for_the_time_of_the_odometry_as_those_of_the_node(localize,
 def test_links_and_remappings_work_as_for_the_node(localize, recorder):
     for step in range(11):
         for (observer, target), range_m in TRIANGLE.items():
-            data = range_message(START_NS + step * PERIOD_NS, range_m)
-            recorder.write(f'/site/{observer}{target}', step, data)
+            recorder.write_range(f'/site/{observer}{target}', step, range_m)
     links = [f'{a}{b} {RANGE} {a} {b}' for a, b in TRIANGLE]
     bag = recorder.close()
     ros_args = ('--ros-args', '-r', '__ns:=/site', '-p', 'reference_robot:=b')
@@ -219,7 +270,7 @@ def test_what_cannot_be_done_is_refused(
 
 
 def test_no_limit_depends_on_a_clock_of_the_machine():
-    fleet = read_task(REPOSITORY / CONFIG, []).settings.fleet
+    fleet = read_task(REPOSITORY / 'config/tiers_uwb.yaml', []).settings.fleet
     assert fleet.solver.max_seconds == fleet.max_conflict_seconds == float('inf')
     assert fleet.solver.tighten_seconds == float('inf')
     assert fleet.solver.max_boxes == 2000 and fleet.max_conflict_solves == 200
@@ -241,20 +292,6 @@ def test_a_signal_leaves_a_readable_bag(tmp_path, recorder, number):
     times_ns, _ = read(output, '/localizer/feasible_poses')
     assert 0 < len(times_ns) < 2_000
     assert f'{len(times_ns)} ticks' in told
-
-
-def test_the_table_of_ranges_in_the_docs_is_localized(tmp_path, monkeypatch):
-    page = (REPOSITORY / 'docs/bags.md').read_text(encoding='utf-8')
-    (code,) = re.findall(r'```python\n(.*?)```', page, re.DOTALL)
-    rows = [f'{10.0 + 0.1 * k},{o},{t},{d}' for k in range(20) for (o, t), d in TRIANGLE.items()]
-    monkeypatch.chdir(tmp_path)
-    Path('ranges.csv').write_text('\n'.join(['stamp,observer,target,range', *rows]))
-    Path('my_bag.yaml').write_text("/**: {ros__parameters: {robots: ['a', 'b', 'c']}}")
-    exec(compile(code, 'bags.md', 'exec'), {})
-    paths = 'my_bag', '-o', 'answers', '--params', 'my_bag.yaml', '--report', 'report.json'
-    assert localize_bag(list(paths)) == 0
-    report = json.loads(Path('report.json').read_text())
-    assert report['ticks_by_hypotheses'] == {'2': report['ticks']}
 
 
 def test_answers_are_compared_with_a_table_of_the_truth(localize, triangle_bag, tmp_path, capsys):
@@ -309,7 +346,7 @@ def test_an_error_keeps_the_answers_before_it(localize, triangle_bag, monkeypatc
     tick = BagLocalizer.tick
 
     def fails_late(self, time_ns, cancel):
-        if time_ns > START_NS + 10 * PERIOD_NS:
+        if time_ns > time_ns_of(10):
             raise MemoryError
         return tick(self, time_ns, cancel)
 
@@ -330,13 +367,96 @@ def test_the_report_says_when_the_budget_ended_the_search(localize, recorder, ca
     assert 'The search of 5 ticks ended at solver.max_boxes, 1 boxes' in told
 
 
-def test_the_report_has_the_reasons_of_the_node_once(localize, recorder, capsys):
-    recorder.write_triangle(range(11))
-    for step in range(11):
-        recorder.write('/b/range/a', step, range_message(START_NS + step * PERIOD_NS, math.nan))
-    code, report = localize(recorder.close())
-    printed = capsys.readouterr().out
-    assert code == 0
-    rows = [line for line in printed.splitlines() if 'nothing acceptable received' in line]
-    assert len(rows) == 1 and '(5 ticks)' in rows[0]
-    assert any(run['status'] == 'input range b->a' for run in report['said'])
+@pytest.fixture
+def bags(tmp_path):
+    """Write two bags of a triangle, of 11 and 21 steps."""
+    lengths = {'first': 11, 'second': 21}
+    return [write_triangles(tmp_path / name, [range(n)]) for name, n in lengths.items()]
+
+
+@pytest.fixture
+def localize_all(tmp_path):
+    """Localize bags; return the exit code and the text of the merged report."""
+    params = write_parameters(tmp_path)
+
+    def run(*arguments, output='out', report='all.json'):
+        paths = ('-o', tmp_path / output, '--report', tmp_path / report, '--params', params)
+        code = localize_bag([str(one) for one in (*paths, *arguments)])
+        path = tmp_path / report
+        return code, path.read_text() if path.exists() else None
+
+    return run
+
+
+def test_each_bag_is_localized_compared_and_drawn_as_alone(bags, localize_all, tmp_path):
+    pytest.importorskip('matplotlib', reason="matplotlib, the extra 'plots', is not installed")
+    truth, plot = (
+        ('--truth', write_table(tmp_path / 'truth.csv')),
+        ('--plot', tmp_path / 'picture.png'),
+    )
+    # ROS arguments reach every process.
+    ros_arguments = ('--ros-args', '-p', 'rate:=4.0')
+    code, text = localize_all(*bags, '--jobs', '1', *truth, *plot, *ros_arguments)
+    outcomes = json.loads(text)['bags']
+    assert code == 0 and [bag['name'] for bag in outcomes] == ['first', 'second']
+    for bag, outcome in zip(bags, outcomes, strict=True):
+        report = outcome['report']
+        assert report['truth']['held'] == report['truth']['compared'] == report['ticks'] > 0
+        assert report['rate_hz'] == 4.0
+        assert (tmp_path / 'out' / bag.name / 'picture.png').read_bytes().startswith(b'\x89PNG')
+    alone = {'output': 'alone', 'report': 'alone.json'}
+    code, text = localize_all(bags[0], *truth, *ros_arguments, **alone)
+    assert code == 0 and json.loads(text) == outcomes[0]['report']
+    assert counts(tmp_path / 'out/first/answers') == counts(tmp_path / 'alone')
+
+
+def test_ctrl_c_leaves_bags_that_can_be_read(tmp_path):
+    """A terminal sends its signal to all processes of the group."""
+    bags = [write_triangles(tmp_path / name, [range(400)]) for name in ('first', 'second')]
+    params = write_parameters(tmp_path, rate=100.0)
+    paths = *bags, '-o', tmp_path / 'out', '--params', params, '--jobs', '2'
+    process = start('localize_bag', *paths, stderr=subprocess.DEVNULL, start_new_session=True)
+    answers = [tmp_path / 'out' / bag.name / 'answers' for bag in bags]
+    wait_for(lambda: all(any(path.glob('*.mcap')) for path in answers))
+    # One that is told to stop by the terminal and by the command would stop in the middle.
+    threads = Path(f'/proc/{process.pid}/task').glob('*/children')
+    started = [int(pid) for thread in threads for pid in thread.read_text().split()]
+    assert len(started) == 2
+    assert all(os.getpgid(pid) != process.pid for pid in started)
+    os.killpg(process.pid, signal.SIGINT)
+    assert process.wait(timeout=60.0) == 130
+    for path in answers:
+        assert not path.exists() or (path / 'metadata.yaml').exists()
+
+
+def test_a_bag_that_fails_leaves_the_others_theirs(localize_all, tmp_path):
+    impossible = {('a', 'b'): 1.0, ('a', 'c'): 1.0, ('b', 'c'): 9.0}
+    bag = write_triangles(tmp_path / 'first', [range(11), impossible])
+    (tmp_path / 'broken.mcap').write_bytes(b'no bag')
+    code, text = localize_all(bag, tmp_path / 'broken.mcap', report='all.md')
+    assert code == 1
+    first, broken = text.splitlines()[-2:]
+    assert first.startswith('| first ') and '| at its end ' in first and '| no placement' in first
+    assert broken.startswith('| broken ') and 'broken.mcap' in broken
+
+
+def test_two_bags_of_one_name_are_refused(bags, localize_all, tmp_path, capsys):
+    code, text = localize_all(bags[0], bags[0])
+    assert code == 2 and text is None and not (tmp_path / 'out').exists()
+    assert "two bags are called 'first'" in capsys.readouterr().err
+
+
+def test_one_process_and_four_give_the_same_bytes(localize_all, tmp_path, monkeypatch):
+    """The order of sets, which differs between processes, does not show either."""
+    stretches = [range(10)], [range(10, 20), {**TRIANGLE, ('b', 'a'): 2.0, ('c', 'b'): 9.5}]
+    bags = [write_triangles(tmp_path / name, *stretches) for name in ('first', 'second')]
+    found = []
+    for jobs, seed in ('1', '1'), ('4', '2'):
+        monkeypatch.setenv('PYTHONHASHSEED', seed)
+        given = '--jobs', jobs, '--ros-args', '-p', 'max_outliers:=2'
+        code, text = localize_all(*bags, *given, output=f'out_{jobs}')
+        assert code == 0 and json.loads(text)['bags'][0]['report']['contradictions']
+        folder = tmp_path / f'out_{jobs}'
+        files = sorted(path for path in folder.rglob('*') if path.is_file())
+        found.append({path.relative_to(folder): path.read_bytes() for path in files})
+    assert len(found[0]) >= 6 and found[0] == found[1]

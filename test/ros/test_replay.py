@@ -7,29 +7,17 @@ from pathlib import Path
 import signal
 import time
 
+import processes
+from processes import Listener
 import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import serialize_message
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Range
+from small_bags import LATCHED, ODD, ODD_MESSAGE, Recorder, StoragePlugin, time_ns_of
+from std_msgs.msg import String
 
-pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not installed")
-
-import processes  # noqa: E402
-from processes import Listener  # noqa: E402
-from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
-from rclpy.serialization import serialize_message  # noqa: E402
-from rosbags.rosbag2 import StoragePlugin  # noqa: E402
-from rosgraph_msgs.msg import Clock  # noqa: E402
-from sensor_msgs.msg import Range  # noqa: E402
-from small_bags import (  # noqa: E402
-    LATCHED,
-    ODD,
-    ODD_MESSAGE,
-    PERIOD_NS,
-    START_NS,
-    Recorder,
-    range_message,
-)
-from std_msgs.msg import String  # noqa: E402
-
-from dg_localization.ros import executables  # noqa: E402
+from dg_localization.ros import executables
 
 REPOSITORY = Path(__file__).parents[2]
 COUNT = 10
@@ -43,7 +31,7 @@ def write_bag(path, plugin):
     recorder.add('/silent', STRING)
     recorder.write('/name', 0, serialize_message(String(data='latched')), STRING)
     for step in range(COUNT):
-        recorder.write('/a/range/b', step, range_message(START_NS + step * PERIOD_NS, 1.0 + step))
+        recorder.write_range('/a/range/b', step, 1.0 + step)
         recorder.write('/odd', step, ODD_MESSAGE, ODD)
         clock = Clock()
         clock.clock.sec = 5 + step
@@ -81,7 +69,7 @@ def test_every_message_arrives_after_its_time(tmp_path, plugin, listener):
     clocks = [time_ns(clock) for clock in listener.on('/clock')]
     # That of the recording, which begins at 5 s, is not played.
     assert clocks == sorted(clocks) and '/clock is passed over' in told
-    assert clocks[0] == START_NS and clocks[-1] == START_NS + (COUNT - 1) * PERIOD_NS
+    assert clocks[0] == time_ns_of(0) and clocks[-1] == time_ns_of(COUNT - 1)
     # Two topics may overtake each other on the way, but the time of each message was published.
     stamps = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in ranges]
     assert set(stamps) <= set(clocks)
@@ -102,7 +90,8 @@ def test_rate_and_gaps_of_the_clock(small_bag, listener):
 
 def test_a_gap_of_minutes_is_announced(tmp_path):
     recorder = Recorder(tmp_path / 'bag')
-    recorder.write_at([START_NS, START_NS + 59 * 10**9, START_NS + 180 * 10**9])
+    for second in (0, 59, 180):
+        recorder.write_range('/a/range/b', 10 * second, 3.0)
     _, told = start(recorder.close(), '--rate', '200', '--wait', '0').communicate(timeout=60)
     assert told.count('has a gap') == 1 and 'a gap of 0:02:01, which /clock goes through' in told
 
