@@ -1,22 +1,27 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The picture of the answers to a bag."""
+"""The picture of the answers to a bag, and the report as a page: what a browser shows."""
 
+from dataclasses import fields
 from itertools import combinations
 import math
+import re
+import shutil
+import subprocess
 
 import numpy as np
 import pytest
+from small_bags import PLACES, TRIANGLE, write_table
 
-pytest.importorskip('matplotlib', reason="matplotlib, the extra 'plots', is not installed")
+from dg_localization.calibration.truth import FleetTruth, TrueTrack
+from dg_localization.fleet import FleetConfig, Localizer
 
-from dg_localization.calibration.truth import (
-    FleetTruth,  # noqa: E402
-    TrueTrack,  # noqa: E402
-)
-from dg_localization.fleet import FleetConfig, Localizer  # noqa: E402
-from dg_localization.ros.bags.picture import ERROR, HEADING, AnswerPicture  # noqa: E402
+image = pytest.importorskip('matplotlib.image', reason="the extra 'plots' is not installed")
+
+from matplotlib.colors import rgb_to_hsv, to_rgb  # noqa: E402
+
+from dg_localization.ros.bags.picture import COLORS, ERROR, HEADING, AnswerPicture  # noqa: E402
 
 
 class Answers:
@@ -49,17 +54,13 @@ class Answers:
         return the_map, np.reshape(np.array(panels, dtype=object), (-1, n_columns))
 
 
-TRIANGLE = {'a': (0.0, 0.0), 'b': (3.0, 0.0), 'c': (0.0, 4.0)}
-SIDES = ('a', 'b'), ('a', 'c'), ('b', 'c')
-
-
 def rectangles_of(panel):
     """Return the corners of what is drawn of the bounds."""
     return [path.vertices for drawn in panel.collections for path in drawn.get_paths()]
 
 
 def test_bounds_points_and_truth_of_every_robot_are_drawn():
-    answers = Answers(TRIANGLE, *SIDES)
+    answers = Answers(PLACES, *TRIANGLE)
     answers.add(5)
     the_map, panels = answers.panels()
     assert panels.shape == (3, 4)
@@ -79,7 +80,7 @@ def test_bounds_points_and_truth_of_every_robot_are_drawn():
 
 
 def test_bounds_without_an_end_fill_the_panel():
-    answers = Answers({**TRIANGLE, 'd': (9.0, 9.0)}, *SIDES, ('a', 'd'))
+    answers = Answers({**PLACES, 'd': (9.0, 9.0)}, *TRIANGLE, ('a', 'd'))
     answers.add(2)
     _, panels = answers.panels()
     limits = panels[3, 0].get_ylim()
@@ -88,7 +89,7 @@ def test_bounds_without_an_end_fill_the_panel():
 
 
 def test_a_change_of_the_frame_is_marked():
-    answers = Answers(TRIANGLE, *SIDES)
+    answers = Answers(PLACES, *TRIANGLE)
     answers.add(3)
     answers.pairs = [('b', 'c')]
     answers.add(2, first=3)
@@ -104,3 +105,56 @@ def test_in_space_there_are_three_coordinates():
     answers.add(2)
     assert answers.panels()[1].shape == (4, 4)
     assert answers.picture.columns == ('x [m]', 'y [m]', 'z [m]', ERROR)
+
+
+BROWSERS = 'chromium', 'chromium-browser', 'google-chrome'
+# No picture of a robot has fewer pixels of its color, and no page of text has as many.
+PIXELS = 2000
+
+
+@pytest.fixture
+def page(triangle_bag, localize, tmp_path):
+    """Return the file of a report with a truth."""
+    table, path = write_table(tmp_path / 'truth.csv'), tmp_path / 'answers.html'
+    code, _ = localize(triangle_bag, '--truth', table, '--report', path)
+    assert code == 0
+    return path
+
+
+def test_a_report_is_one_page(page):
+    text = page.read_text()
+    assert 'Of 10 answers 0 have one hypothesis' in text
+    assert 'the truth is inside in 10 of 10 answers compared.' in text
+    assert text.count('<svg') == 1 and '<td>range a-&gt;b</td>' in text
+    settings = re.findall(r'<tr><td>(\w+)</td>', text.partition('<h2>Configuration</h2>')[2])
+    assert set(settings) <= {one.name for one in fields(FleetConfig)}
+    # Nothing is loaded from elsewhere: addresses are names of formats.
+    assert 'http' not in re.sub(r'xmlns(:\w+)?="[^"]*"', '', text)
+    assert [tag for tag in ('<script', '<link', '@import') if tag in text] == []
+
+
+def test_a_browser_without_a_network_shows_the_page(page, tmp_path):
+    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if browser is None:
+        pytest.skip(f'none of {", ".join(BROWSERS)} is installed: no browser looks at the page')
+    shot = tmp_path / 'page.png'
+    options = (
+        ('headless', 'no-sandbox', 'disable-gpu', 'no-first-run', 'hide-scrollbars')
+        + ('disable-background-networking', 'disable-component-update', 'disable-sync')
+        + ('window-size=1280,1600', 'virtual-time-budget=2000', 'dump-dom')
+        + (f'user-data-dir={tmp_path / "profile"}', f'screenshot={shot}')
+        + ('host-resolver-rules=MAP * ~NOTFOUND',)
+    )
+    shown = subprocess.run(
+        [browser, *(f'--{option}' for option in options), page.as_uri()],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    ).stdout
+    assert shown.count('<svg') == 1 and '<h2>Configuration</h2>' in shown
+    hues, saturations, _ = np.moveaxis(rgb_to_hsv(image.imread(shot)[:, :, :3]), -1, 0)
+    for color in COLORS[:3]:
+        off = np.abs(hues - rgb_to_hsv(to_rgb(color))[0])
+        n_pixels = np.count_nonzero((off < 0.02) & (saturations > 0.3))
+        assert n_pixels > PIXELS, f'{color} of a robot is not on the page: {n_pixels} pixels'

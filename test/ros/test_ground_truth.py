@@ -1,29 +1,24 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A ground truth that is damaged, cut off or half known: the report says so."""
+"""The truth beside the answers to a bag: as people have it, damaged, or half known."""
 
 from collections import defaultdict
+from dataclasses import replace
+from types import SimpleNamespace
 
+from estimates import placement_at
+from geometry_msgs.msg import PoseStamped
 import numpy as np
 import pytest
+from small_bags import PLACES, POSE, START_NS, TRIANGLE, stamped, time_ns_of
 
-pytest.importorskip('rosbags', reason="rosbags, the extra 'bags', is not installed")
-
-from small_bags import (  # noqa: E402
-    PERIOD_NS,
-    PLACES,
-    POSE,
-    START_NS,
-    TRIANGLE,
-    pose_message,
-)
-
-from dg_localization.fleet.rotations import (  # noqa: E402
-    quaternion_of_euler,
-)
-from dg_localization.ros.bags.truth import Poses, read_table  # noqa: E402
-from dg_localization.ros.executables import UsageError  # noqa: E402
+from dg_localization.calibration.truth import FleetTruth, TrueTrack
+from dg_localization.fleet import Estimate, FixedFrame, FleetConfig, FrameKind, Group
+from dg_localization.fleet.rotations import quaternion_of_euler
+from dg_localization.ros.bags.truth import Poses, read_table
+from dg_localization.ros.bags.truth_tally import TruthTally
+from dg_localization.ros.executables import UsageError
 
 TRUTH = '--truth', '/{robot}/truth'
 
@@ -31,8 +26,9 @@ TRUTH = '--truth', '/{robot}/truth'
 def write_truth(recording, robots, steps):
     for step in steps:
         for robot in robots:
-            data = pose_message(START_NS + step * PERIOD_NS, PLACES[robot])
-            recording.write(f'/{robot}/truth', step, data, POSE)
+            message = PoseStamped()
+            message.pose.position.x, message.pose.position.y = PLACES[robot]
+            recording.write(f'/{robot}/truth', step, stamped(message, time_ns_of(step)), POSE)
 
 
 def test_what_cannot_be_read_of_a_truth_is_told(recorder, localize, capsys):
@@ -179,3 +175,38 @@ def test_times_that_do_not_meet_are_explained(triangle_bag, localize, tmp_path, 
         printed = capsys.readouterr().out
         assert 'must be in seconds' in printed and hint in printed
         assert f'{START_NS / 10**9 + 0.2:.3f} to' in printed
+
+
+ROBOTS = ('r1', 'r2', 'r3', 'r4')
+TRUE_PLACES = {'r1': (0.0, 0.0), 'r2': (4.0, 0.0), 'r3': (10.0, 0.0), 'r4': (10.0, 3.0)}
+ANCHORS = FixedFrame(FrameKind.ANCHORS, ('anchor',))
+OWN = FixedFrame(FrameKind.ROBOTS, ('r3', 'r4'))
+
+
+def placement(places):
+    return placement_at([places.get(robot, (np.nan, np.nan)) for robot in ROBOTS])
+
+
+def tallied(of_fleet, of_group):
+    """Return the tally of one answer with a group apart, of five hypotheses."""
+    tracks = {name: TrueTrack.at_rest((*place, 0.0)) for name, place in TRUE_PLACES.items()}
+    tally = TruthTally(FleetTruth(FleetConfig(robots=ROBOTS), tracks))
+    group = Group(('r3', 'r4'), OWN, (placement(of_group),), 5)
+    made = Estimate(0.5, ROBOTS, None, '', (placement(of_fleet),), 1, frame=ANCHORS)
+    tally.add(replace(made, groups=(group,)), SimpleNamespace(stamp_s=0.5), 0.5)
+    return tally
+
+
+RIGHT, WRONG = {'r1': (0.0, 0.0), 'r2': (4.0, 0.0)}, {'r1': (0.0, 0.0), 'r2': (7.0, 7.0)}
+GROUP_RIGHT = {'r3': (0.0, 0.0), 'r4': (3.0, 0.0)}
+GROUP_WRONG = {'r3': (0.0, 0.0), 'r4': (2.0, 2.0)}
+
+
+def test_a_miss_is_told_though_another_answer_is_not_listed_whole():
+    tally = tallied(WRONG, GROUP_RIGHT)
+    assert [*tally.counts.values()] == [1, 0, 0, 0, 0]
+    assert [miss['robots'] for miss in tally.misses] == [('r2',)]
+    tally = tallied(RIGHT, GROUP_WRONG)
+    assert [*tally.counts.values()] == [1, 0, 0, 1, 0] and not tally.misses
+    tally = tallied(RIGHT, GROUP_RIGHT)
+    assert [*tally.counts.values()] == [1, 1, 0, 0, 0] and not tally.misses
