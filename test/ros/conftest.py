@@ -43,7 +43,6 @@ from msg_adapters import (  # noqa: E402
     BearingReading,
     Level,
     OdometryReading,
-    PeersReading,
     RangeReading,
     adapter_for,
     register,
@@ -59,15 +58,19 @@ diagnostics_from_message = adapter_for('diagnostic_msgs/msg/DiagnosticArray').fr
 poses_from_message = adapter_for('geometry_msgs/msg/PoseArray').from_message
 
 
-@dataclass
 class PaperFleet:
     """The paper's fleet at rest: positions, headings, measured pairs, its eight solutions."""
 
-    robots: list
-    positions_m: np.ndarray
-    yaws_rad: np.ndarray
-    edges: list
-    solutions: list
+    def __init__(self, truth):
+        known = truth['positions_of_D3_solution_P2_origin_P1_on_x_m']
+        self.robots = [f'robot_{i}' for i in range(1, 7)]
+        self.positions_m = np.array([known.get(f'P{i}', [0.0, 0.0]) for i in range(1, 7)])
+        self.yaws_rad = np.array([0.4, -0.7, 1.9, 3.0, -2.2, 0.0])
+        self.edges = [(int(name[1]) - 1, int(name[2]) - 1) for name in truth['edges_squared_m2']]
+        self.solutions = [
+            {(int(k[1]) - 1, int(k[2]) - 1): v for k, v in solution['s'].items()}
+            for solution in truth['solutions']
+        ]
 
     def range_m(self, observer, target):
         return float(np.linalg.norm(self.positions_m[target] - self.positions_m[observer]))
@@ -87,20 +90,7 @@ class PaperFleet:
 
 @pytest.fixture(scope='session')
 def paper_fleet(shared):
-    truth = json.loads((shared / 'truth/fleet.json').read_text())
-    known = truth['positions_of_D3_solution_P2_origin_P1_on_x_m']
-    positions = np.array([known.get(f'P{i}', [0.0, 0.0]) for i in range(1, 7)])
-    edges = [(int(name[1]) - 1, int(name[2]) - 1) for name in truth['edges_squared_m2']]
-    return PaperFleet(
-        robots=[f'robot_{i}' for i in range(1, 7)],
-        positions_m=positions,
-        yaws_rad=np.array([0.4, -0.7, 1.9, 3.0, -2.2, 0.0]),
-        edges=edges,
-        solutions=[
-            {(int(k[1]) - 1, int(k[2]) - 1): v for k, v in solution['s'].items()}
-            for solution in truth['solutions']
-        ],
-    )
+    return PaperFleet(json.loads((shared / 'truth/fleet.json').read_text()))
 
 
 @dataclass
@@ -247,13 +237,6 @@ class Bench:
         reading = OdometryReading(self.stamp_s(stamp_s), *pose, *frames)
         self.send('nav_msgs/msg/Odometry', f'/{robot}/odom', reading)
 
-    def send_peers(self, observer, peers):
-        """Send {index of the peer: (range in m, ray)}."""
-        ranges_m = np.array([range_m for range_m, _ in peers.values()])
-        rays = np.array([ray for _, ray in peers.values()]).reshape(-1, 3)
-        reading = PeersReading(self.now_s(), np.array(list(peers)), ranges_m, rays)
-        self.send('sensor_msgs/msg/PointCloud2', f'/{observer}/peers', reading)
-
     def send_clock(self, time_s):
         clock = Clock()
         clock.clock.sec, clock.clock.nanosec = divmod(round(time_s * 1e9), 1_000_000_000)
@@ -286,26 +269,6 @@ class Bench:
             lambda: self.heard.fleet and len(self.heard.fleet[-1].poses) == number * robots,
             f'{number} placements',
         )
-
-    def play_peers(self, fleet, cameras):
-        """Keep sending the same as `play`, in one message of each robot."""
-
-        def send():
-            for observer in range(len(fleet.robots)):
-                ranged = {b for a, b in fleet.edges if a == observer}
-                seen = {a + b - observer for a, b in fleet.edges if observer in (a, b) and cameras}
-                self.send_peers(
-                    fleet.robots[observer],
-                    {
-                        peer: (
-                            fleet.range_m(observer, peer) if peer in ranged else math.nan,
-                            fleet.ray(observer, peer) if peer in seen else np.full(3, math.nan),
-                        )
-                        for peer in sorted(ranged | seen)
-                    },
-                )
-
-        self.sending = [send]
 
     def until(self, condition, what, deadline_s=DEADLINE_S):
         """Spin, and send what is being played, until `condition()` is true; return its value."""
@@ -479,10 +442,3 @@ def transform_class(monkeypatch):
             sys.modules['tf2_msgs.msg'], 'TFMessage', ByteMultiArray, raising=False
         )
     return sys.modules['tf2_msgs.msg'].TFMessage
-
-
-@pytest.fixture(scope='session')
-def uwb_recording(shared):
-    from uwb_recording import UwbRecording
-
-    return UwbRecording(shared / 'data/tiers_uwb/rosbag2_shortbag')

@@ -96,6 +96,26 @@ def test_wrong_arguments_are_named(name, capsys):
         assert wanted in told and 'Traceback' not in told
 
 
+@pytest.mark.parametrize(
+    ('text', 'wanted'),
+    [
+        ('rate: 0.0', "parameter 'rate': 0.0 is not allowed, it must be a number >= 0.01"),
+        ('use_sim_time: 5', "'use_sim_time' to '5' of type 'INTEGER', expecting type 'BOOL'"),
+        ("robots: ['a', 1]", 'Sequence should be of same type'),
+        (None, 'Error opening YAML file'),
+    ],
+)
+def test_wrong_parameters_end_the_localizer_with_a_message(tmp_path, capfd, text, wanted):
+    file = tmp_path / 'parameters.yaml'
+    if text is not None:
+        file.write_text(f'/**:\n  ros__parameters:\n    {text}\n')
+    given = '--ros-args', '--params-file', str(file), '-p', "robots:=['a', 'b']"
+    with pytest.raises(SystemExit) as ended:
+        sys.exit(executables.localizer(given))
+    told = capfd.readouterr().err
+    assert ended.value.code == 2 and wanted in told and 'Traceback' not in told
+
+
 def test_what_is_no_executable_is_named():
     code, _, told = run('localiser')
     assert code == 2
