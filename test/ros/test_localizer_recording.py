@@ -8,18 +8,18 @@ from itertools import groupby, pairwise
 import subprocess
 import sys
 
-import pytest
+import numpy as np
+from processes import REPOSITORY, start
+from small_bags import SIMULATION, START_NS, read, record_simulation, write_parameters
 
-pytest.importorskip('rosbags', reason='rosbags is not installed')
+from dg_localization.ros.bags.bag import open_bag
+from dg_localization.ros.bags.offline import read_task
+from dg_localization.ros.bags.truth import read_truth
+from dg_localization.ros.executables import localize_bag
+from msg_adapters import Level, adapter_for
 
-from processes import start  # noqa: E402
-from small_bags import SIMULATION, START_NS, read, record_simulation, write_parameters  # noqa: E402
-from uwb_recording import CONFIG  # noqa: E402
-
-from dg_localization.ros.executables import localize_bag  # noqa: E402
-from msg_adapters import Level, adapter_for  # noqa: E402
-
-REPLAY_RATE = '3'
+REPLAY_RATE, LAST_S = '3', 15.0
+CONFIG = 'config/tiers_uwb.yaml'
 
 poses_from_message = adapter_for('geometry_msgs/msg/PoseArray').from_message
 scene_from_message = adapter_for('visualization_msgs/msg/MarkerArray').from_message
@@ -71,11 +71,29 @@ def test_frames_on_a_busy_machine_are_those_of_the_bag(bench, start_localizer, t
     assert not [name for name, one in states.items() if 'ahead' in one.message]
 
 
-def test_true_placement_is_in_every_answer(bench, start_localizer, uwb_recording):
+def true_places(bag):
+    """Return a function of the stamp: true places with one at 0 and one on the x axis, complex."""
+    settings = read_task(REPOSITORY / CONFIG, []).settings
+    with open_bag(bag) as opened:
+        poses = read_truth(['/vrpn_client_node/{robot}_cap/pose'], settings, opened).poses
+    columns = [zip(*poses[robot], strict=True) for robot in settings.fleet.robots]
+    tracks = [
+        (stamps_s, np.array(places_m) @ [1.0, 1.0j, 0.0]) for stamps_s, places_m, _ in columns
+    ]
+
+    def places_at(stamp_s):
+        places = np.array([np.interp(stamp_s, *track) for track in tracks])
+        places -= places[0]
+        return places * abs(places[1]) / places[1]
+
+    return places_at, min(stamps_s[-1] for stamps_s, _ in tracks)
+
+
+def test_true_placement_is_in_every_answer(bench, start_localizer, shared):
+    bag = shared / 'data/tiers_uwb/rosbag2_shortbag'
     process = start_localizer('--params-file', CONFIG, '-p', 'use_sim_time:=true')
     bench.until_status('fleet', Level.WARN, 'nothing has arrived on /clock', deadline_s=60.0)
-    paced = uwb_recording.path, '--rate', REPLAY_RATE
-    replay = start('replay', *paced, stderr=subprocess.DEVNULL)
+    replay = start('replay', bag, '--rate', REPLAY_RATE, stderr=subprocess.DEVNULL)
     bench.clear()
     bench.until(lambda: replay.poll() is not None, 'the end of the replay', deadline_s=60.0)
     assert replay.returncode == 0
@@ -83,4 +101,16 @@ def test_true_placement_is_in_every_answer(bench, start_localizer, uwb_recording
     assert code == 0, output
     scenes = [scene_from_message(message) for message in bench.heard.markers]
     assert all(earlier.stamp_s <= later.stamp_s for earlier, later in pairwise(scenes))
-    assert uwb_recording.check(scenes) >= 20
+    places_at, end_s = true_places(bag)
+    last = [scene for scene in scenes if end_s - LAST_S <= scene.stamp_s <= end_s]
+    assert len(last) >= 20
+    for scene in last:
+        drawn = [marker.points_m for marker in scene.markers if marker.namespace == 'enclosures']
+        # By hypothesis and robot, the eight ends of the edges of a rectangle.
+        ends = np.reshape(drawn, (-1, 4, 8, 3)) @ [1.0, 1.0j, 0.0]
+        # Mirror images; while a robot may be on either side of a pair, each is in two parts.
+        assert len(ends) in (2, 4), f'{len(ends)} hypotheses at {scene.stamp_s}'
+        off = ends - places_at(scene.stamp_s)[:, None]
+        axes = np.stack([off.real, off.imag])
+        inside = (axes.min(-1) <= 1e-9) & (axes.max(-1) >= -1e-9)
+        assert inside.all(axis=(0, 2)).any(), f'no hypothesis is true at {scene.stamp_s}'
