@@ -174,8 +174,8 @@ class Event:
 class Excerpt:
     """Five robots among landmarks, and where they truly were."""
 
-    def __init__(self, folder: Path) -> None:
-        self.robots = [Recording.load(folder / EXCERPT, robot) for robot in ROBOTS]
+    def __init__(self, folder: Path, name: str = EXCERPT) -> None:
+        self.robots = [Recording.load(folder / name, robot) for robot in ROBOTS]
         self.names = tuple(f'r{robot}' for robot in ROBOTS)
         landmarks = self.robots[0].landmarks
         self.anchors = {f'm{number}': Anchor(tuple(xy), 0.01) for number, xy in landmarks.items()}

@@ -1,10 +1,9 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Problems whose truth is known exactly: random fleets on integers, and the paper's fleet."""
+"""Problems whose truth is known exactly: random fleets on integers."""
 
 from dataclasses import dataclass
-import json
 
 import numpy as np
 
@@ -239,46 +238,3 @@ def _ranges(rng, squared):
     lower, upper = bounds_around(rng, squared, widths, alike=0.5)
     missing = symmetric(rng.random(squared.shape) < rng.choice([0, 0.2, 0.4, 0.7]))
     return np.where(missing, 0.0, lower), np.where(missing, np.inf, upper)
-
-
-class PaperFleet:
-    """The fleet of Section 5.1: six robots, nine measured pairs, three sides from the cameras."""
-
-    N_POINTS = 6
-    SIDES = tuple(
-        SideConstraint(face, first, second, Side.OPPOSITE)
-        for face, first, second in (((1, 2), 0, 3), ((1, 3), 2, 5), ((1, 5), 3, 4))
-    )
-
-    def __init__(self, path):
-        truth = json.loads(path.read_text())
-        self.edges = {_pair(name): value for name, value in truth['edges_squared_m2'].items()}
-        self.half_width_m2 = truth['half_width_m2']
-        self.paper_d3 = {_pair(name): ends for name, ends in truth['paper_D3'].items()}
-        self.solutions = truth['solutions']
-        self.exact_hulls = [
-            {_pair(name): ends for name, ends in solution['hull'].items()}
-            for solution in self.solutions
-        ]
-
-    def problem(self, sides=()):
-        """Return the problem of the paper's D1."""
-        half = self.half_width_m2
-        ranges = {pair: (value - half, value + half) for pair, value in self.edges.items()}
-        return Problem(*bounds(self.N_POINTS, ranges), sides=sides)
-
-    def noisy_problem(self, relative_error, sides=()):
-        """Return the problem with every range known to +-`relative_error` of the distance."""
-        below, above = (1.0 - relative_error) ** 2, (1.0 + relative_error) ** 2
-        ranges = {pair: (value * below, value * above) for pair, value in self.edges.items()}
-        return Problem(*bounds(self.N_POINTS, ranges), sides=sides)
-
-    def squared(self, solution):
-        """Return the full matrix of squared distances of a solution."""
-        known = {pair: (value, value) for pair, value in self.edges.items()}
-        known |= {_pair(name): (value, value) for name, value in solution['s'].items()}
-        return bounds(self.N_POINTS, known)[0]
-
-
-def _pair(name):
-    return int(name[1]) - 1, int(name[2]) - 1

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from solver_cases import Case, assert_same, covers, random_case
 
-from dg_localization import Problem, SolverOptions, solve
+from benchmarks.problems import fleet, fleet_placements
+from dg_localization import Problem, SolverOptions
 
 LARGEST = None
 """The exponent at which the longest squared distance is about the largest double."""
@@ -26,7 +27,7 @@ def scaled(case, exponent):
         bounds = [bound * size * size for bound in (problem.lower, problem.upper)]
     return Case(
         Problem(*bounds, problem.dimension, problem.sides, problem.chiralities),
-        SolverOptions(options.resolution * size, options.max_boxes),
+        replace(options, resolution=options.resolution * size),
         case.positions * size,
     )
 
@@ -43,33 +44,19 @@ def test_no_truth_is_lost(exponent):
             assert (hypothesis.upper <= case.problem.upper).all(), seed
 
 
-SEEDS = range(60)
-
-
 @pytest.mark.parametrize('power', [-25, 3, 30])
-def test_scaling_by_a_power_of_two_scales_every_bound_exactly(paper_fleet, power):
-    scale = 2.0**power
-    problems = [(paper_fleet.problem(), SolverOptions())] + [
-        (case.problem, case.options) for case in map(random_case, SEEDS)
-    ]
-    for index, (problem, options) in enumerate(problems):
-        scaled = Problem(
-            problem.lower * scale**2,
-            problem.upper * scale**2,
-            problem.dimension,
-            problem.sides,
-            problem.chiralities,
-        )
-        result = solve(problem, options)
+def test_scaling_by_a_power_of_two_scales_every_bound_exactly(power):
+    paper = Case(fleet(), SolverOptions(), fleet_placements()[0])
+    for index, case in enumerate([paper, *map(random_case, range(60))]):
+        result = case.solve()
         if any(
             0.0 < smallest < 1e-200
             for h in result.hypotheses
             for smallest in (*h.lower.ravel(), *h.upper.ravel())
         ):
             continue  # the step of a bound near zero is absolute
-        other = solve(scaled, replace(options, resolution=options.resolution * scale))
         try:
-            assert_same(result, other, scale)
+            assert_same(result, scaled(case, power).solve(), 2.0**power)
         except AssertionError as error:
             error.add_note(f'This was problem {index}.')
             raise

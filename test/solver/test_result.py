@@ -18,6 +18,7 @@ from solver_cases import (
     squared_distances,
 )
 
+from benchmarks.problems import fleet, fleet_placements
 from dg_localization import Chirality, Problem, Side, SideConstraint, SolverOptions, Verdict, solve
 from dg_localization.solver.place.existence import NEARNESS
 
@@ -124,16 +125,16 @@ def test_contradictions_are_proved(ranges, dimension, options):
 
 @pytest.mark.parametrize('most', [0, 1, 2, 7, 14])
 @pytest.mark.parametrize('is_cancelled', [False, True])
-def test_what_stops_a_search_leaves_a_complete_cover(paper_fleet, most, is_cancelled):
+def test_what_stops_a_search_leaves_a_complete_cover(most, is_cancelled):
     noted, last = [], most if is_cancelled else 1000
     stop = SimpleNamespace(is_set=lambda: len(noted) >= last)
     options = SolverOptions(max_boxes=1000 if is_cancelled else max(most, 1))
-    result = solve_as_one(paper_fleet.problem(), options, cancel=stop, progress=noted.append)
+    result = solve_as_one(fleet(), options, cancel=stop, progress=noted.append)
     assert result.verdict is Verdict.OUT_OF_BUDGET
     assert result.statistics.processed == (most if is_cancelled else max(most, 1))
-    check_claims(paper_fleet.problem(), result)
-    for solution in paper_fleet.solutions:
-        assert covers(result, paper_fleet.squared(solution))
+    check_claims(fleet(), result)
+    for positions in fleet_placements():
+        assert covers(result, squared_distances(positions))
 
 
 def test_disconnected_groups_stay_unbounded():

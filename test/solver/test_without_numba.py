@@ -10,6 +10,7 @@ from plain_python import in_plain_python, run_python
 import pytest
 from solver_cases import assert_same, random_case
 
+from benchmarks.problems import fleet
 from dg_localization import SolverOptions, solve
 
 
@@ -27,12 +28,8 @@ def check(questions):
     return plain
 
 
-def test_the_paper_fleet(numba, paper_fleet):
-    problems = [
-        *map(paper_fleet.problem, ((), paper_fleet.SIDES)),
-        paper_fleet.noisy_problem(0.03),
-    ]
-    plain = check([(problem, SolverOptions()) for problem in problems])
+def test_the_paper_fleet(numba):
+    plain = check([(problem,) for problem in (fleet(), fleet(sides=True), fleet(0.03))])
     assert len(plain[0].hypotheses) == 8
 
 
@@ -41,16 +38,15 @@ def test_random_fleets(numba):
     check([(c.problem, SolverOptions(c.options.resolution, max_boxes=4)) for c in cases])
 
 
-def test_all_arrays_are_freed(paper_fleet):
+def test_all_arrays_are_freed():
     runtime = pytest.importorskip('numba.core.runtime')
     if os.environ.get('NUMBA_DISABLE_JIT') == '1':
         pytest.skip('nothing is compiled')
-    problems = [paper_fleet.problem(), paper_fleet.problem(paper_fleet.SIDES)]
     cases = [random_case(seed, max_points=6) for seed in range(20)]
     runtime._nrt_python.memsys_enable_stats()
     before = runtime.rtsys.get_allocation_stats()
-    for problem in problems:
-        solve(problem)
+    solve(fleet())
+    solve(fleet(sides=True))
     for case in cases:
         case.solve()
     after = runtime.rtsys.get_allocation_stats()
