@@ -50,9 +50,8 @@ class Drive:
             for place, yaw, *tilt in self.true
         ]
 
-    def start_anew(self, sample, leap_m, turn_rad):
+    def start_anew(self, sample, leap_m, axes):
         """Let the odometry start anew at a sample, elsewhere and turned."""
-        axes = turn(2, turn_rad)
         self.stated[sample:] = [
             (axes @ place + leap_m, axes @ rotation) for place, rotation in self.stated[sample:]
         ]

@@ -9,13 +9,14 @@ import math
 
 from drives import DELAYS_S, SAMPLE_S, direction
 import numpy as np
+from shapes import random_rotation, turn
 
 from dg_localization.fleet import Anchor, DifferenceErrorModel, ElevationErrorModel, SensorBounds
 
 CLIMBING_M_S = 0.3
 LISTENING = 0.4
 """The share of histories in which sensors hear range differences."""
-FORMATIONS = ('none', 'none', 'in line', 'abreast', 'together')
+FORMATIONS = ('none', 'none', 'in line', 'abreast', 'together', 'on a grid')
 SPACING_M = 1.5
 ANCHORED_M = (-4.0, 3.0, 8.0, 12.0, 20.0)
 """Where anchors are on the line of the robots."""
@@ -36,10 +37,16 @@ def draw_habits(history, seed):
     if rng.random() < 0.5:
         _limit_motion(history)
     _draw_settings(history, rng)
+    _draw_silent_links(history, rng)
+    for robot, drive in zip(history.config.robots, history.drives, strict=True):
+        # The frame of such odometry need not be upright.
+        if history.config.odometry_error_of(robot).tilt_rad is None and rng.random() < 0.5:
+            drive.start_anew(0, np.zeros(3), random_rotation(rng, history.config.dimension))
     if rng.random() < 0.2:
         drive = history.drives[int(rng.integers(len(history.drives)))]
         leap_m = 100.0 * direction(rng) * [1.0, 1.0, 0.0]
-        drive.start_anew(int(rng.integers(5, len(drive.true))), leap_m, rng.uniform(-3.0, 3.0))
+        first = int(rng.integers(min(5, len(drive.true) - 1), len(drive.true)))
+        drive.start_anew(first, leap_m, turn(2, rng.uniform(-3.0, 3.0)))
     in_plane = history.config.dimension == 2
     if in_plane and not history.heights.waves and rng.random() < 0.2:
         history.park(int(rng.integers(len(history.drives))), rng)
@@ -58,7 +65,10 @@ def _draw_formation(history, rng):
     fleets are on the line of the robots.
     """
     formation, alike = str(rng.choice(FORMATIONS)), int(rng.integers(2**32))
-    if formation == 'none':
+    if formation == 'on a grid':
+        for drive in history.drives:
+            drive.start(np.round(drive.true[0][0]))
+    if formation in ('none', 'on a grid'):
         return
     dimension, are_together = history.config.dimension, formation == 'together'
     if not are_together and rng.random() < 0.5:
@@ -180,6 +190,14 @@ def _body_of(history, point):
     if config.robots[body] in config.anchors:
         return 'anchors' if point < len(config.robots) else None
     return body if body in history.with_odometry else None
+
+
+def _draw_silent_links(history, rng):
+    """Let some links have no ranges, and some no rays."""
+    points = range(len(history.config.points))
+    shares = rng.choice([0.0, 0.0, 0.3, 0.6, 0.85], 2)
+    for silent, share in zip((history.unranged, history.unseen), shares, strict=True):
+        silent.update(link for link in permutations(points, 2) if rng.random() < share)
 
 
 def _override_links(history, rng):

@@ -21,13 +21,14 @@ from drives import DELAYS_S, SAMPLE_S, direction, draw_drive, draw_errors, draw_
 from habits import Heights, beyond_limits, draw_clocks, draw_habits, has_resets
 import numpy as np
 from sensing import reading_of
-from shapes import attitude, axes_along, in_space, missing, turn
+from shapes import attitude, axes_along, check_form, in_space, missing, turn
 
 from dg_localization import SolverOptions, Verdict
 from dg_localization.fleet import Anchor, FleetConfig, Localizer, Mount, RangeErrorModel
 from dg_localization.fleet.rotations import quaternion_of, rotation_of_quaternion
 
 MAX_AGE_S = 0.5
+LEAST_RAY_M = 1e-4
 SECONDS = 8.0
 SYNCHRONOUS = 0.2
 """The share of histories in which sensors measure at the samples of odometry."""
@@ -51,6 +52,7 @@ class History:
     start_s: float
     rng: np.random.Generator
     extreme: bool
+    pace: float = 1.0
     calls: list = field(default_factory=list)
     arms_m: dict = field(default_factory=dict)
     lost: list = field(default_factory=list)
@@ -72,6 +74,9 @@ class History:
     """The robots that have some."""
     lies: dict = field(default_factory=dict)
     """By how much (m and rad) some observations are wrong."""
+    unranged: set = field(default_factory=set)
+    unseen: set = field(default_factory=set)
+    """Observers and targets without ranges, and without rays."""
     synchronous: bool = False
     """Whether sensors measure at the samples of odometry."""
     answers_late: bool = False
@@ -93,9 +98,15 @@ class History:
         steepest_rad=None,
         cameras=None,
         ranged=True,
+        pace=1.0,
+        odometry=0.9,
         **settings,
     ):
-        """Draw a history of a seed; `mounted` robots have two sensors each."""
+        """
+        Draw a history of a seed; `mounted` robots have two sensors each.
+
+        `pace` is how fast robots drive, and `odometry` the share of those that have some.
+        """
         rng = np.random.default_rng(np.append(seed, dimension))
         flies, flat = dimension == 3, np.array([1.0, 1.0, dimension - 2.0])
         errors = draw_errors(rng, robots, [0.0, 0.02, 0.1, None] if flies else [None])
@@ -104,7 +115,9 @@ class History:
         count = round(seconds / SAMPLE_S) + 2
         drawn_rad = float(rng.choice([0.0, 0.2, 0.6, 1.3])) * flies
         steepest_rad = drawn_rad if steepest_rad is None else steepest_rad
-        drives = [draw_drive(rng, count, error, worst, flat, steepest_rad) for error in errors]
+        drives = [
+            draw_drive(rng, count, error, worst, flat, steepest_rad, pace) for error in errors
+        ]
         # Where ranges tell little, a motion that is bounded too narrowly loses no truth.
         scale = 0.05 if rng.random() < 0.4 else 1.0
         high = scale * float(rng.choice([0.01, 0.05, 0.1]))
@@ -124,7 +137,11 @@ class History:
             'max_age_s': MAX_AGE_S,
             'stamp_error_s': stamp_error_s,
             'range_error': RangeErrorModel(
-                min_error_relative=-high, max_error_relative=0.5 * high, max_error_m=0.02 * scale
+                min_error_relative=-high,
+                max_error_relative=0.5 * high,
+                max_error_m=0.02 * scale,
+                # Robots may be at one place, and read 0.
+                min_reading_m=-1.0,
             ),
             'bearing_half_width_rad': float(rng.choice([0.02, 0.1])),
             'max_speed_m_s': 1.0,
@@ -140,17 +157,19 @@ class History:
         config = FleetConfig(names[0], dimension=dimension, **{**drawn, **settings})
         start_s = float(rng.choice([1.0, 1.7e9]))
         history = cls(config, drives, start_s, rng, worst, clocks_s=clocks_s, heights=heights)
+        history.pace = pace
         history.arms_m = {name: history.draw_arm(mount) for name, mount in config.sensors.items()}
         history.lost = [draw_lost(rng, count) for _robot in range(robots)]
         history.synchronous = bool(rng.random() < SYNCHRONOUS)
         has_cameras = bool(rng.random() < 0.4)
-        history.measure(seconds, has_cameras if cameras is None else cameras, ranged)
+        cameras = has_cameras if cameras is None else cameras
+        history.measure(seconds, cameras, ranged, odometry)
         return history
 
-    def measure(self, seconds, cameras, ranged):
+    def measure(self, seconds, cameras, ranged, odometry):
         """List what is measured; each call is (arrival, call of a localizer)."""
         for robot, drive in enumerate(self.drives):
-            if self.rng.random() < 0.9:
+            if self.rng.random() < odometry:
                 self.with_odometry.add(robot)
                 heard = [k for k in range(len(drive.true)) if k not in self.lost[robot]]
                 self.calls += [self._odometry(robot, k) for k in heard]
@@ -231,6 +250,8 @@ class History:
         share = self._share()
 
         def call(localizer, now_s):
+            if (observer, target) in self.unranged:
+                return None
             distance = self.distance(observer, target, time_s)
             bounds = self.bounds_of(*names)
             model, deviation_m = (
@@ -239,7 +260,7 @@ class History:
             )
             more_m = (2.0 * share - 1.0) * model.sigma_factor * deviation_m
             reading = reading_of(distance, model, share, more_m)
-            reading = max(0.01, reading + self.lies.get((observer, target, time_s), 0.0))
+            reading = max(0.0, reading + self.lies.get((observer, target, time_s), 0.0))
             if self.limits:
                 reading = beyond_limits(reading, *self.limits[:2])
             times_s = self.stamp_s(observer, time_s), now_s
@@ -255,7 +276,8 @@ class History:
         def call(localizer, now_s):
             gap = self._gap(observer, target, time_s)
             # Straight up or down is no direction in the plane.
-            if not gap[: self.config.dimension].any():
+            level_m = np.abs(gap[: self.config.dimension]).max()
+            if (observer, target) in self.unseen or level_m < LEAST_RAY_M:
                 return None
             bounds = self.bounds_of(*names)
             off_rad = share * bounds.bearing_half_width_rad
@@ -305,12 +327,13 @@ class History:
         off_m = 0.999 * mount.bound_m * direction(self.rng)[: self.config.dimension]
         return in_space(np.array(mount.position_m) + off_m)
 
-    def go_straight(self, robot, rng, **kind):
+    def go_straight(self, robot, rng, pace=None):
         """Let a robot drive straight ahead, level."""
         config, name = self.config, self.config.robots[robot]
         error = config.robot_odometry_error.get(name, config.odometry_error)
         flat, count = np.array([1.0, 1.0, config.dimension - 2.0]), len(self.drives[robot].true)
-        drive = draw_drive(rng, count, error, self.extreme, flat, turning=0.0, **kind)
+        pace = self.pace if pace is None else pace
+        drive = draw_drive(rng, count, error, self.extreme, flat, pace=pace, turning=0.0)
         self.drives[robot] = drive
 
     def park(self, robot, rng):
@@ -336,24 +359,25 @@ class History:
         return place + rotation @ self.arms_m[name]
 
     def truth(self, time_s, frame):
-        """Return positions (n, q) and rotations (n, 3, 3) of the robots in a frame."""
-        poses = [drive.pose(time_s) for drive in self.drives]
-        places, rotations = (np.array(column) for column in zip(*poses, strict=True))
+        """Return places (n, q) and rotations (n, 3, 3) of robots in a frame, places of anchors."""
+        n, anchors = len(self.drives), [k for k, body in enumerate(self._bodies) if body is None]
+        places = np.array([self.place(point, time_s) for point in (*range(n), *anchors)])
+        rotations = np.array([drive.pose(time_s)[1] for drive in self.drives])
         origin, axes, shift = np.zeros(3), np.eye(3), np.zeros(3)
         if frame.kind != 'anchors':
-            rows = [self.config.points.index(name) for name in frame.points]
-            origin, axes = places[rows[0]], rotations[rows[0]]
+            row, *others = (self.config.points.index(name) for name in frame.points)
+            origin, axes = places[row], rotations[row]
         if frame.kind == 'robots':
-            edges = [self.place(row, time_s) - origin for row in rows[1:]]
+            edges = [self.place(other, time_s) - origin for other in others]
             axes = axes_along(edges, self.config.dimension)
         elif frame.kind == 'odometry':
             # Where its newest odometry states the pose of the robot.
             assert frame.name == f'{frame.points[0]}/odom'
-            drive, sample = self.drives[rows[0]], self._newest_sample(rows[0], time_s)
+            drive, sample = self.drives[row], self._newest_sample(row, time_s)
             (origin, *angles), (shift, rotation) = drive.true[sample], drive.reported(sample)
             axes = attitude(*angles) @ rotation.T
-        local = (places - origin) @ axes + shift
-        return local[:, : self.config.dimension], axes.T @ rotations
+        local = ((places - origin) @ axes + shift)[:, : self.config.dimension]
+        return local[:n], axes.T @ rotations, local[n:]
 
     def play(self, localizer, ticks_s, between=lambda localizer, time_s: localizer):
         """Yield the times since the start and the estimates of a localizer."""
@@ -447,6 +471,9 @@ def play_without_a_loss(history, ticks_s, resets=False):
         assert not estimate.forgotten, estimate.forgotten
         assert estimate.n_hypotheses >= len(estimate.placements)
         assert truth_is_inside(history, time_s, estimate), time_s
+        for answer in (estimate, *estimate.groups):
+            for placement in answer.placements:
+                check_form(placement)
     return estimate
 
 

@@ -42,12 +42,13 @@ def angle_of(rotation):
     return math.atan2(sine, np.trace(rotation) - 1.0)
 
 
-def missing(placement, places, rotations=None):
+def missing(placement, places, rotations=None, landmarks=None):
     """Return the part of a truth that a placement does not hold; nothing where it holds all."""
     places = np.atleast_2d(places)
-    low, high = placement.enclosure_m[:, 0], placement.enclosure_m[:, 1]
-    if not np.all((low - TOLERANCE <= places) & (places <= high + TOLERANCE)):
+    if not _are_in(placement.enclosure_m, places):
         return 'places'
+    if landmarks is not None and not _are_in(placement.landmark_enclosure_m, landmarks):
+        return 'landmarks'
     apart = np.linalg.norm(places[:, None] - places[None], axis=-1)
     if np.any((apart < placement.lower_m - TOLERANCE) | (apart > placement.upper_m + TOLERANCE)):
         return 'distances'
@@ -57,6 +58,11 @@ def missing(placement, places, rotations=None):
         if angle_of(stated.T @ rotations[row]) > half_width_rad + TOLERANCE:
             return 'orientations'
     return ''
+
+
+def _are_in(enclosure_m, places):
+    low, high = enclosure_m[:, 0] - TOLERANCE, enclosure_m[:, 1] + TOLERANCE
+    return bool(np.all((low <= places) & (places <= high)))
 
 
 def check_form(placement):

@@ -46,7 +46,7 @@ def test_the_truth_is_put_in_every_kind_of_frame(dimension):
             for answer in answers:
                 if answer.frame.kind == 'robots' and len(answer.frame.points) < dimension:
                     continue  # other axes are any
-                wanted_m, turns = history.truth(time_s, answer.frame)
+                wanted_m, turns, _ = history.truth(time_s, answer.frame)
                 found = FleetTruth(fleet, tracks).beside(answer.frame, snapshot)
                 # Samples of a time of 1.7e9 s are as far apart as its rounding.
                 close = {'rtol': 0.0, 'atol': 1e-5}

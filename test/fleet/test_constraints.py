@@ -12,7 +12,7 @@ from sensing import new_localizer
 from dg_localization.fleet import Anchor, OdometryErrorModel
 from dg_localization.fleet.constraints.constrain import constrain
 from dg_localization.fleet.constraints.distances import triangulate
-from dg_localization.fleet.constraints.rays import Angles, spatial_sign
+from dg_localization.fleet.constraints.rays import Angles, include_displacement, spatial_sign
 from dg_localization.fleet.vocabulary import LinkKey, LinkKind, RayReading
 
 NOW_S = 5.0
@@ -114,6 +114,19 @@ def test_robots_above_each_other_may_be_at_one_place_of_the_plane():
 
 
 KEY = LinkKey(LinkKind.BEARING, 'a', 'b')
+
+
+def test_a_displacement_turns_a_line_by_as_much_as_its_tip_may_move():
+    reading = RayReading(KEY, 0.0, np.array(ray(0.0)), 0.1, displacement_m=1.0)
+    for lower_m2, turn_rad in ((4.0, math.pi / 6.0), (1.0, math.pi)):
+        half_width_rad = include_displacement(reading, lower_m2).half_width_rad
+        assert 0.1 + turn_rad <= half_width_rad == pytest.approx(0.1 + turn_rad)
+
+
+@pytest.mark.parametrize(('angle_rad', 'signs'), [(0.5, [1]), (-0.5, [-1]), (0.05, []), (3.1, [])])
+def test_an_angle_that_may_have_either_side_has_none(angle_rad, signs):
+    angles = Angles(np.array([[0, 1, 2]]), np.array([angle_rad]), np.array([0.1]))
+    assert [known.sign for known in angles.chiralities()] == signs
 
 
 def unit(vectors):

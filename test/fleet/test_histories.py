@@ -3,6 +3,7 @@
 
 """Over complete histories the truth is never lost while every measurement obeys its bound."""
 
+from itertools import product
 import os
 
 from habits import draw_habits, has_resets
@@ -20,10 +21,11 @@ import numpy as np
 import pytest
 
 from dg_localization import Verdict
-from dg_localization.fleet import OdometryErrorModel
+from dg_localization.fleet import OdometryErrorModel, RangeErrorModel
 
 STEPS = int(os.environ.get('DG_HISTORY_STEPS', '240'))
 """Estimates of each test, one a second; `python test/fleet/histories.py` plays many more."""
+MOMENTS = int(os.environ.get('DG_FLEET_EXAMPLES', '400')) // 2
 
 
 @pytest.mark.parametrize('dimension', [2, 3])
@@ -32,6 +34,31 @@ STEPS = int(os.environ.get('DG_HISTORY_STEPS', '240'))
 def test_the_truth_is_never_lost(dimension, seed):
     history = draw_habits(draw_any(seed, dimension), seed)
     play_without_a_loss(history, ticks_of(history, SECONDS), has_resets(seed))
+
+
+@pytest.mark.parametrize('dimension', [2, 3])
+@settings(max_examples=MOMENTS, derandomize=False)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_no_truth_of_a_moment_is_lost(dimension, seed):
+    """Fleets of up to six robots that move for half a second, with tiny and with large errors."""
+    rng = np.random.default_rng([seed, dimension, 3])
+    error, pace = float(rng.choice([1e-6, 0.01, 0.1])), float(rng.choice([0.0, 0.3, 3.0]))
+    history = History.draw(
+        seed,
+        int(rng.integers(1, 7)),
+        int(rng.choice([0, 0, 1, 2, 3, 4])),
+        0.5,
+        dimension=dimension,
+        cameras=bool(rng.random() < 0.8),
+        pace=pace,
+        odometry=float(rng.choice([0.0, 0.0, 0.5])),
+        max_speed_m_s=pace + 0.35,
+        range_error=RangeErrorModel(-error, 3.0 * error, -error, error, min_reading_m=-1.0),
+        bearing_half_width_rad=float(rng.choice([0.0, 1e-3, 0.05, 0.5])),
+        max_hypotheses=10_000,
+    )
+    estimate = play_without_a_loss(draw_habits(history, seed), [0.5])
+    assert estimate.n_hypotheses == len(estimate.placements)
 
 
 @pytest.mark.parametrize('seed', range(4))
@@ -53,6 +80,24 @@ def test_after_a_broken_bound_the_window_recovers(seed, robots, anchors, mounted
         assert any('contradict' in forgotten.text for forgotten in forgot)
         points = {end for forgotten in forgot for ends in forgotten.ends for end in ends}
         assert points >= set(history.config.points_on(history.config.robots[0]))
+
+
+@pytest.mark.parametrize('outliers', [0, 1])
+@pytest.mark.parametrize('seed', range(20))
+def test_no_pose_is_lost_by_sensors_without_odometry(seed, outliers):
+    """The two sensors see all anchors and range some of them; one observation may be wrong."""
+    kind = {'cameras': True, 'window_outliers': outliers}
+    history = History.draw([seed, 41], 1, 3 + seed % 5, 2.0, 1, **kind)
+    history.lies = dict.fromkeys(history.observed[3 : 3 + outliers], 2.0)
+    points = history.config.points
+    history.unranged = {*product(range(len(points)), (points.index('a0'), points.index('a2')))}
+    localizer = localizer_of(history)
+    localizer.add_odometry = lambda *_: None
+    known = []
+    for time_s, estimate in history.play(localizer, np.arange(0.5, 2.0, 0.25)):
+        assert truth_is_inside(history, time_s, estimate), time_s
+        known += [estimate.placements[0].heading_known[0]] if estimate.placements else []
+    assert all(known) and len(known) >= (3 if outliers else 6)
 
 
 ERROR = OdometryErrorModel(
