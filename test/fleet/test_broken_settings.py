@@ -80,28 +80,6 @@ def test_silent_odometry_is_told_in_reason_point_and_covariance(speed_m_s, range
             assert np.all(off_m <= 3.0 * np.sqrt(np.diag(placement.covariances[0])[:2]))
 
 
-@pytest.mark.parametrize('latency_s', [0.1, 0.2])
-def test_stated_latency_is_in_the_covariance(latency_s):
-    error = OdometryErrorModel(0.02, 0.0, 0.0, 0.02, 0.01, 0.01, latency_s)
-    localizer = localizer_of(max_speed_m_s=1.05, odometry_error=error)
-    beyond, answers = 0, 0
-
-    def x_m(time_s):
-        return 3.0 + 4.0 * abs((time_s / 4.0) % 2.0 - 1.0)
-
-    for step in range(200):
-        now_s, time_s = 100.0 + 0.1 * step, 0.1 * step
-        drive(localizer, x_m(max(0.0, time_s - latency_s)), now_s, now_s)
-        if step % 5 == 0:
-            measure(localizer, (x_m(time_s), 4.0), now_s, now_s, 'abcd'[step // 5 % 4])
-        if step > 60 and step % 4 == 0:
-            (placement,) = localizer.step(now_s).placements
-            deviation_m = math.sqrt(placement.covariances[0, 0, 0])
-            beyond += abs(placement.positions_m[0, 0] - x_m(time_s)) > 3.0 * deviation_m
-            answers += 1
-    assert beyond <= 0.02 * answers
-
-
 @pytest.mark.parametrize('gap_s', [0.4, 1.0, 3.0, 8.0])
 @pytest.mark.parametrize('driven_m', [0.3, 1.0, 3.0])
 def test_a_driver_that_starts_again_at_zero_is_no_motion(gap_s, driven_m):

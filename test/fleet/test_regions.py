@@ -91,6 +91,18 @@ def test_one_place_is_one_hypothesis():
     assert answer(hall, {'r': (3.0, 2.0), 's': (6.0, 5.0)}).n_hypotheses == 1
 
 
+@pytest.mark.parametrize('dimension', [2, 3])
+def test_the_one_anchor_off_the_line_is_found_among_many(dimension):
+    """In space one is off in each direction. Anchors that may be anywhere near tell no side."""
+    anchors = {f'w{k}': (0.5 * k, 0.3 * (k == 21), 0.3 * (k == 22)) for k in range(28)}
+    anchors = {name: place[:dimension] for name, place in anchors.items()}
+    places = {'r': (10.0, -4.0, -3.0)[:dimension]}
+    for bound_m in (0.0, 0.01):
+        estimate = answer(anchors, places, bound_m=bound_m, dimension=dimension)
+        assert estimate.n_hypotheses == n_holding(estimate, places) == 1
+    assert answer(anchors, places, bound_m=0.4, dimension=dimension).n_hypotheses == 2
+
+
 TRUTH = {'r0': (3.0, 2.0), 'r1': (6.5, 5.0)}
 MAP = {f'a{k}': (1.7 * (k % 4), 2.9 * (k // 4) + 0.3 * (k % 3)) for k in range(12)}
 SEEN = ('a1', 'a6', 'a9')
