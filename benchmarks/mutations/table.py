@@ -89,7 +89,7 @@ INTERVAL = [
     *_in(
         'interval',
         'angles',
-        ('test/interval/test_angles.py',),
+        ('test/interval/test_arrays.py',),
         (
             'the maximum of the cosine within an interval is forgotten',
             'np.where(top, 1.0, np.minimum(high, 1.0))',
@@ -114,9 +114,8 @@ INTERVAL = [
 ]
 
 HUNT = 'test/solver/test_never_loses.py'
-LINE = ('test/solver/test_line.py', 'test/solver/test_sides.py', HUNT)
 PROJECTION = ('test/solver/test_projection.py', HUNT)
-BACK = ('test/solver/test_back_projection.py', HUNT)
+LINE = ('test/solver/test_projection.py', 'test/solver/test_sides.py', HUNT)
 
 CONTRACT = [
     *_in(
@@ -221,7 +220,7 @@ CONTRACT = [
     *_in(
         'solver',
         'contract/back_projection',
-        BACK,
+        PROJECTION,
         (
             'the minimum of the far distance within the axis is forgotten',
             'd = min(max(t_upper, d_lower), d_upper)',
@@ -429,7 +428,7 @@ SEARCHING = [
         'contract/fixed_point',
         (
             'test/solver/test_result.py::test_three_points_on_a_line_are_told_apart',
-            'test/solver/test_pieces_never_lose.py',
+            'test/solver/test_never_loses.py',
         ),
         (
             'three points on a line count as convex',
@@ -496,7 +495,7 @@ SEARCHING = [
 ]
 
 MODELS = ('test/fleet/test_error_models.py',)
-SOUND = ('test/fleet/test_localizer_soundness.py',)
+MOMENTS = ('test/fleet/test_histories.py::test_no_truth_of_a_moment_is_lost',)
 
 FLEET = [
     *_in(
@@ -522,7 +521,7 @@ FLEET = [
     *_in(
         'fleet',
         'snapshot',
-        ('test/fleet/test_fleet_inputs.py', 'test/fleet/test_motion.py'),
+        ('test/fleet/test_fleet_inputs.py', 'test/fleet/test_odometry.py'),
         (
             'lower bounds do not age',
             'lower_m = max(lower_m, sum_down(reading.lower_m, -moved_m))',
@@ -582,7 +581,7 @@ FLEET = [
     *_in(
         'fleet',
         'motion',
-        ('test/fleet/test_motion.py',),
+        ('test/fleet/test_odometry.py',),
         (
             'odometry counts as exact',
             'error_m = greatest_errors(error, way_m, turned_rad)[0]',
@@ -781,7 +780,7 @@ FLEET = [
     *_in(
         'fleet',
         'constraints/rays',
-        ('test/fleet/test_constraints.py', *SOUND),
+        ('test/fleet/test_constraints.py', *MOMENTS),
         (
             'the turn of a line by a displacement is halved',
             'return arcsine_up(quotient_up(displacement_m, d_lower_m))',
@@ -811,7 +810,7 @@ FLEET = [
     *_in(
         'fleet',
         'constraints/rays',
-        ('test/fleet/test_constraints.py', *SOUND),
+        ('test/fleet/test_constraints.py', *MOMENTS),
         (
             'a sign counts although it is in doubt',
             '(self.half_widths_rad < low) & (high < math.pi)',
@@ -846,7 +845,7 @@ FLEET = [
     *_in(
         'fleet',
         'rotations',
-        SOUND,
+        MOMENTS,
         (
             'the half width of a heading leaves out one side',
             'angle_up(half_rad + abs(off_rad))',
@@ -856,7 +855,7 @@ FLEET = [
     *_in(
         'fleet',
         'frames/headings',
-        ('test/fleet/test_headings.py',),
+        MOMENTS,
         (
             'the spread of the directions is forgotten in a heading',
             'widths = angle_up(spreads + np.array([ray.half_width_rad for ray in rays]))',
@@ -871,7 +870,7 @@ FLEET = [
     *_in(
         'fleet',
         'frames/enclosure',
-        SOUND,
+        MOMENTS,
         (
             'only one box of a hypothesis is enclosed',
             'found.append((image, reduce(Interval.hull, enclosures)))',
@@ -1051,7 +1050,7 @@ FLEET = [
     *_in(
         'fleet',
         'motion',
-        ('test/fleet/test_motion.py',),
+        ('test/fleet/test_odometry.py',),
         (
             'where odometry is missing the robot goes straight',
             'return max(step_m, by_speed_m), max(turn_rad, by_rate_rad)',
@@ -1160,7 +1159,7 @@ FLEET = [
     *_in(
         'fleet/window',
         'recollection',
-        ('test/fleet/test_wrong_readings.py',),
+        ('test/fleet/test_contradictions.py',),
         (
             'the first readings of a fleet are trusted where some may be wrong',
             'return Recollection(snapshot, allowance, pose_sets=pose_sets, replaced=replaced)',
@@ -1170,7 +1169,7 @@ FLEET = [
     *_in(
         'fleet/window',
         'carry',
-        ('test/fleet/test_wrong_readings.py',),
+        ('test/fleet/test_contradictions.py',),
         (
             'the first readings of a pair are trusted where some may be wrong',
             'if self._pair_of(*key.ends) is not None)',
@@ -1208,7 +1207,7 @@ FLEET = [
 ]
 
 CUTS = ('test/poses/test_cuts.py',)
-NEVER = ('test/poses/test_poses_never_lose.py',)
+NEVER = ('test/poses/test_covers.py',)
 
 PAIRS = [
     *_in(
@@ -1249,7 +1248,7 @@ PAIRS = [
     *_in(
         'poses',
         'differences',
-        ('test/poses/test_poses_never_lose.py::test_no_truth_is_lost_by_range_differences_alone',),
+        ('test/poses/test_covers.py::test_no_truth_is_lost_by_range_differences_alone',),
         (
             'nothing is farther away than the beacons',
             'far_m = sum_up(e_m, quotient_up(square_up(e_m), float(off_m.min())))',
@@ -1261,7 +1260,7 @@ PAIRS = [
         'inversion',
         (
             'test/poses/test_covers.py::test_a_ring',
-            'test/poses/test_poses_never_lose.py::test_no_truth_is_lost_among_liars',
+            'test/poses/test_covers.py::test_no_truth_is_lost_among_liars',
         ),
         (
             'only the lower half of a box is examined further',

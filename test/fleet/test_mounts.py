@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 import pytest
-from sensing import add_ranges, new_localizer
-from shapes import holds, random_rotation
+from sensing import add_ranges, new_localizer, ray
+from shapes import holds, random_rotation, turn
 
 from dg_localization import Verdict
 from dg_localization.fleet.rotations import yaw_of
@@ -89,9 +89,9 @@ def test_every_true_pose_of_a_trolley_with_three_tags_is_inside(shared, cart, si
         max_repeats=1,
         solver={'resolution': 0.02},
     )
-    for turn in (0, 120, 240):
-        yaw_deg, x, y = cart['poses_yawdeg_x_y'][str(site)][turn // 60]
-        path = shared / f'data/lias_uwb/UWB_static_exp_8_14_pos{site}_deg_{turn}.csv'
+    for turn_deg in (0, 120, 240):
+        yaw_deg, x, y = cart['poses_yawdeg_x_y'][str(site)][turn_deg // 60]
+        path = shared / f'data/lias_uwb/UWB_static_exp_8_14_pos{site}_deg_{turn_deg}.csv'
         with path.open() as file:
             rows = [row for row, _ in zip(csv.reader(file), range(2), strict=False)]
         for row in rows:
@@ -141,3 +141,36 @@ def test_a_robot_that_only_knows_its_own_sensors_is_not_connected():
     assert 'reference robot alone is not connected' in estimate.frame_doubt
     assert 'not connected: alone' in estimate.reason
     assert all(np.isnan(p.positions_m[0]).all() for p in estimate.placements)
+
+
+RANGED = {'a': (-3.0, 3.0), 'b': (3.0, 3.0), 'c': (-3.0, -3.0), 'd': (2.9, -2.8)}
+SEEN = {'e': (3.0, 1.0), 'f': (2.5, -1.2), 'g': (1.5, 2.5), 'h': (3.4, 1.9)}
+
+
+@pytest.mark.parametrize('mounts', [{}, {'tag': (-0.18, -0.11), 'cam': (0.1, 0.05)}])
+def test_rays_to_anchors_that_are_not_ranged_give_place_and_heading(mounts):
+    """There is no odometry; bounds are at most 1.5 times as wide as those that sampling finds."""
+    rng = np.random.default_rng(0)
+    place, yaw = np.array([0.6, -0.4]), 2.2
+    localizer = new_localizer(
+        'r',
+        anchors={**RANGED, **SEEN},
+        mounts={'r': mounts} if mounts else {},
+        range_error=(-0.01, 0.01, 0.0, 0.0),
+        bearing_half_width_rad=0.002,
+        max_speed_m_s=0.0,
+        max_turn_rate_rad_s=0.0,
+    )
+    names = [f'r/{sensor}' if mounts else 'r' for sensor in ('tag', 'cam')]
+    arms_m = (mounts.get(sensor, (0.0, 0.0)) for sensor in ('tag', 'cam'))
+    tag, camera = (place + turn(2, yaw)[:2, :2] @ arm_m for arm_m in arms_m)
+    for name, anchor_m in RANGED.items():
+        add_ranges(localizer, names[0], tag, {name: anchor_m}, NOW_S, rng.uniform(-0.01, 0.01))
+    for name, anchor_m in SEEN.items():
+        seen = ray(camera, anchor_m, yaw + rng.uniform(-0.002, 0.002))
+        assert localizer.add_bearing(names[1], name, seen, NOW_S, NOW_S) is None
+    estimate = localizer.step(NOW_S)
+    (placement,) = estimate.placements
+    assert holds(estimate, place, [turn(2, yaw)])
+    assert np.ptp(placement.enclosure_m[0], axis=0).max() < 0.05
+    assert placement.heading_half_width_rad[0] < 0.02

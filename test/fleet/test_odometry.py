@@ -11,8 +11,11 @@ import numpy as np
 import pytest
 from shapes import attitude
 
+from dg_localization.fleet import FleetConfig
+from dg_localization.fleet.motion import Motion, OdometryTrack
 from dg_localization.fleet.odometry import MotionLimits, OdometryPath
 from dg_localization.fleet.odometry_error import OdometryErrorModel
+from dg_localization.fleet.vocabulary import OdometrySample
 from dg_localization.interval.arrays import Interval
 from dg_localization.poses import PastPoses
 
@@ -27,14 +30,6 @@ def drive(rng, steps, error, worst, space):
     stated_yaws = [math.atan2(rotation[1, 0], rotation[0, 0]) for _, rotation in driven.stated]
     stated = np.array([place for place, _ in driven.stated]), np.unwrap(stated_yaws)
     return stated, tuple(np.array([pose[k] for pose in driven.true]) for k in (0, 1))
-
-
-def drifting(kind, seed, worst, **errors):
-    """Return a generator, drawn errors, and a stated and a true track of 201 samples."""
-    rng = np.random.default_rng([seed, worst, kind])
-    terms = {term: rng.choice([0.0, 0.02, 0.2]) for term in TERMS}
-    error = OdometryErrorModel(**terms, **errors)
-    return rng, error, *drive(rng, 200, error, worst, space=seed % 2)
 
 
 def seen_from_last(positions, yaws):
@@ -69,60 +64,37 @@ def assert_inside(poses, positions, yaws):
     assert np.all(off <= half + tolerance)
 
 
+@pytest.mark.parametrize('n_missing', [0, 2, 30, 198])
 @pytest.mark.parametrize('worst', [True, False])
-@pytest.mark.parametrize('seed', range(40))
-def test_drift_at_its_bound_is_inside(seed, worst):
-    _, error, stated, true = drifting(0, seed, worst)
-    poses = path_of(STAMPS, stated, error).past_poses(STAMPS, STAMPS[-1])
-    assert_inside(poses, *seen_from_last(*true))
-    assert np.all(poses.position_m.upper[-1] - poses.position_m.lower[-1] < 1e-9)
-
-
-@pytest.mark.parametrize('worst', [True, False])
-@pytest.mark.parametrize('seed', range(40))
-def test_drift_at_its_bound_is_inside_a_step_of_the_track(seed, worst):
-    errors = {'constant_m': 0.3, 'constant_rad': 0.4}
-    rng, error, stated, (positions, yaws) = drifting(1, seed, worst, **errors)
-    path = path_of(STAMPS, stated, error)
-    for count in (0, 1, 2, 5, 30, 200):
-        first = int(rng.integers(0, 201 - count))
-        last = first + count
-        track_step = path.track_step(STAMPS[first], STAMPS[last])
-        step, ball_m = track_step.pose, track_step.ball_m
-        ahead = attitude(-yaws[first]) @ (positions[last] - positions[first])
-        beyond_m = ahead - np.clip(ahead, step.position_m.lower[0], step.position_m.upper[0])
-        assert np.linalg.norm(beyond_m) <= ball_m + 1e-9
-        in_ball = PastPoses(Interval.point(ahead[None]), step.yaw_rad)
-        assert_inside(in_ball, ahead[None], yaws[[last]] - yaws[first])
-        widths = step.position_m.upper - step.position_m.lower + 2.0 * ball_m
+@pytest.mark.parametrize('seed', range(20))
+def test_drift_at_its_bound_is_inside(seed, worst, n_missing):
+    """Past poses and steps of the track hold the true ones, also across missing samples."""
+    rng = np.random.default_rng([seed, worst, n_missing])
+    terms = {term: rng.choice([0.0, 0.02, 0.2]) for term in TERMS}
+    constants = {'constant_m': 0.3, 'constant_rad': 0.4} if n_missing else {}
+    error = OdometryErrorModel(**terms, **constants, max_gap_s=0.06)
+    (places, turns), (positions, yaws) = drive(rng, 200, error, worst, space=seed % 2)
+    first = int(rng.integers(0, 200 - n_missing))
+    heard = np.r_[: first + 1, first + n_missing + 1 : 201]
+    lengths_m = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    limits = MotionLimits(lengths_m.max() / 0.05, np.abs(np.diff(turns)).max() / 0.05)
+    rotations = [attitude(yaw) for yaw in turns[heard]]
+    path = OdometryPath(STAMPS[heard], places[heard], rotations, error, limits, 2 + seed % 2)
+    poses = path.past_poses(STAMPS[heard], STAMPS[-1])
+    assert_inside(poses, *seen_from_last(positions[heard], yaws[heard]))
+    if not constants:
+        assert np.all(poses.position_m.upper[-1] - poses.position_m.lower[-1] < 1e-6)
+    others = np.sort(rng.choice(heard, (5, 2)), axis=1).tolist()
+    for begin, end in ((first, first + n_missing + 1), (first, first), *others):
+        step = path.track_step(STAMPS[begin], STAMPS[end])
+        ahead = attitude(-yaws[begin]) @ (positions[end] - positions[begin])
+        lower, upper = step.pose.position_m.lower[0], step.pose.position_m.upper[0]
+        assert np.linalg.norm(ahead - np.clip(ahead, lower, upper)) <= step.ball_m + 1e-9
+        in_ball = PastPoses(Interval.point(ahead[None]), step.pose.yaw_rad)
+        assert_inside(in_ball, ahead[None], yaws[[end]] - yaws[begin])
         # Errors of single poses are no errors of the track.
-        if count == 0:
-            assert np.all(widths < 1e-9)
-
-
-@pytest.mark.parametrize('worst', [True, False])
-@pytest.mark.parametrize('seed', range(40))
-def test_drift_at_its_bound_is_inside_where_samples_are_missing(seed, worst):
-    rng, error, stated, (positions, yaws) = drifting(2, seed, worst, max_gap_s=0.06)
-    lengths_m = np.linalg.norm(np.diff(stated[0], axis=0), axis=1)
-    turns_rad = np.abs(np.diff(stated[1]))
-    limits = MotionLimits(lengths_m.max() / 0.05, turns_rad.max() / 0.05)
-    for missing in (2, 10, 30, 198):
-        first = int(rng.integers(0, 200 - missing))
-        heard = np.r_[: first + 1, first + missing + 1 : 201]
-        track = stated[0][heard], stated[1][heard]
-        path = OdometryPath(
-            STAMPS[heard], track[0], [attitude(yaw) for yaw in track[1]], error, limits, 3
-        )
-        poses = path.past_poses(STAMPS[heard], STAMPS[-1])
-        assert_inside(poses, *seen_from_last(positions[heard], yaws[heard]))
-        ends = first, first + missing + 1
-        step = path.track_step(*STAMPS[list(ends)])
-        ahead = attitude(-yaws[ends[0]]) @ (positions[ends[1]] - positions[ends[0]])
-        reached = step.pose.position_m + Interval.around(np.zeros(3), step.ball_m)
-        assert_inside(
-            PastPoses(reached, step.pose.yaw_rad), ahead[None], np.diff(yaws[list(ends)])
-        )
+        if begin == end:
+            assert np.all(upper - lower + 2.0 * step.ball_m < 1e-9)
 
 
 def spin(count, turn_rad, error):
@@ -297,3 +269,94 @@ def test_where_samples_are_missing_the_robot_may_be_as_far_as_its_limits_allow()
     # Where it was seen it is known, as this odometry does not err.
     widths_m = past.position_m.upper - past.position_m.lower
     assert np.all(widths_m[[0, 1, 3]] < 1e-6)
+
+
+def config_of(speed, turn_rate, dimension=3, **errors):
+    return FleetConfig(
+        ('a',),
+        dimension=dimension,
+        max_speed_m_s=speed,
+        max_turn_rate_rad_s=turn_rate,
+        odometry_error=OdometryErrorModel(**errors),
+        memory_s=1e9,
+    )
+
+
+def track_of(config, readings):
+    track = OdometryTrack(config, 'a')
+    for reading in readings:
+        track.append(reading)
+    return track
+
+
+def motion_of(*readings, speed=1e9, turn_rate=1.0, **errors):
+    config = config_of(speed, turn_rate, 3, **{'max_gap_s': math.inf, **errors})
+    return Motion(config, {'a': track_of(config, readings).readings})
+
+
+@pytest.mark.parametrize('far_m', [0.0, 1e6, 5e6, -7e8])
+def test_a_robot_at_its_limit_far_from_the_origin_does_not_restart_its_odometry(far_m):
+    """Rounding of large coordinates, such as those of UTM, looks like faster steps."""
+    track = OdometryTrack(config_of(0.5, 1.0), 'a')
+    for number in range(100):
+        position_m = np.array([far_m + 0.05 * number, 0.0, 0.0])
+        track.append(OdometrySample(100.0 + 0.1 * number, position_m, np.eye(3), 'odom'))
+    assert len(track.readings) == 100
+
+
+@pytest.mark.parametrize('seed', range(50))
+def test_a_way_whose_steps_err_by_their_bounds_stays_within(seed):
+    rng = np.random.default_rng(seed)
+    errors = {
+        'translation_per_m': rng.choice([0.0, 0.1]),
+        'translation_per_rad': rng.choice([0.0, 0.05]),
+        'rotation_per_m': rng.choice([0.0, 0.2]),
+        'rotation_per_rad': rng.choice([0.0, 0.3]),
+    }
+    drive = draw_drive(rng, 61, OdometryErrorModel(**errors), True, np.array([1.0, 1.0, 0.0]))
+    readings = [OdometrySample(1.0 + k, *stated) for k, stated in enumerate(drive.stated)]
+    (first_m, first_rad, *_), (last_m, last_rad, *_) = drive.true[0], drive.true[-1]
+    motion = motion_of(*readings, turn_rate=9.0, **errors)
+    assert np.linalg.norm(last_m - first_m) <= motion.displacement_m('a', 1.0, 61.0)
+    rotation, half_width_rad = motion.turn('a', 1.0, 61.0)
+    off_rad = last_rad - first_rad + np.arctan2(rotation[1, 0], rotation[0, 0])
+    assert half_width_rad >= abs(math.remainder(off_rad, math.tau)) - 1e-9
+
+
+def test_before_the_first_odometry_and_after_the_last_the_limits_bound_the_way():
+    readings = [OdometrySample(stamp_s, np.zeros(3), np.eye(3)) for stamp_s in (2.0, 3.0)]
+    displacement_m = motion_of(*readings, speed=0.5).displacement_m
+    for times_s in ((1.0, 3.0), (2.0, 4.0)):
+        assert 0.5 <= displacement_m('a', *times_s) == pytest.approx(0.5)
+
+
+def test_where_odometry_is_missing_the_way_is_as_long_as_the_limits_allow():
+    """A robot may drive in a circle meanwhile, and be back up to the errors of that way."""
+    errors = {'translation_per_m': 0.1, 'rotation_per_rad': 0.1, 'max_gap_s': 1.0}
+    readings = [OdometrySample(stamp_s, np.zeros(3), np.eye(3)) for stamp_s in (0.0, 1.0, 4.0)]
+    motion = motion_of(*readings, speed=2.0, **errors)
+    assert motion.displacement_m('a', 0.0, 1.0) == pytest.approx(0.0, abs=1e-12)
+    # 6 m of way, and 0.3 rad of turns that swing it.
+    assert 0.6 <= motion.displacement_m('a', 0.0, 4.0) == pytest.approx(0.6 + 0.3 * 6.0)
+    assert 0.3 <= motion.turn('a', 1.0, 4.0)[1] == pytest.approx(0.3)
+
+
+def test_displacements_have_the_constant_errors_of_both_ends():
+    errors = {'rotation_per_rad': 0.2, 'constant_m': 0.04}
+    positions, stated, _ = spin(300, 0.1, OdometryErrorModel(**errors))
+    readings = [
+        OdometrySample(1.0 + k, np.zeros(3), attitude(yaw)) for k, yaw in enumerate(stated)
+    ]
+    most_m = motion_of(*readings, **errors).displacement_m('a', 1.0, 301.0)
+    assert 0.1 < np.linalg.norm(positions[-1] - positions[0]) <= most_m < 0.3
+
+
+@pytest.mark.parametrize('pitch_rad', [0.0, 0.3, 0.6])
+def test_the_turn_of_a_body_that_pitches_is_that_of_its_heading(pitch_rad):
+    """A robot on a ramp turns about its own axis: its heading turns by more, and errs by that."""
+    before, after = (attitude(0.0, pitch_rad) @ attitude(angle) for angle in (-0.25, 0.25))
+    config = config_of(1e9, 1e9, 2, rotation_per_rad=0.1)
+    readings = [OdometrySample(1.0, np.zeros(3), before), OdometrySample(2.0, np.zeros(3), after)]
+    motion = Motion(config, {'a': track_of(config, readings).readings})
+    first_rad, last_rad = (np.arctan2(turn[1, 0], turn[0, 0]) for turn in (before, after))
+    assert motion.turn('a', 1.0, 2.0)[1] >= 0.1 * (last_rad - first_rad)
