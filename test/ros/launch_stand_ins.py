@@ -15,8 +15,6 @@ import runpy
 import sys
 from types import ModuleType, SimpleNamespace
 
-BOOLEANS = {'true': True, 'false': False}
-
 
 class MissingArgumentError(Exception):
     """An argument without a default was not given."""
@@ -32,11 +30,11 @@ LaunchDescription = make_dataclass('LaunchDescription', ['entities'])
 
 @dataclass
 class Context:
-    """The configurations so far, what was declared, and the processes to start."""
+    """The configurations so far, what was declared, and the command line of each executable."""
 
     configurations: dict
     declared: dict = field(default_factory=dict)
-    processes: list = field(default_factory=list)
+    processes: dict = field(default_factory=dict)
     lines: list = field(default_factory=list)
 
     def holds(self, condition):
@@ -123,49 +121,28 @@ class Node:
 
     def visit(self, context):
         """Add the process to start, with all substitutions performed."""
-        if not context.holds(self.condition):
-            return
-        files, values = [], {}
-        for entry in self.parameters:
-            if isinstance(entry, dict):
-                values |= {name: BOOLEANS[context.text(one.value)] for name, one in entry.items()}
-            else:
-                files.append(context.text(entry))
-        context.processes.append(
-            SimpleNamespace(
-                executable=self.executable,
-                namespace=context.text(self.namespace),
-                arguments=[context.text(part) for part in self.arguments],
-                parameters=values,
-                files=files,
-                remappings=[(context.text(a), context.text(b)) for a, b in self.remappings],
-                ends_all=isinstance(self.on_exit, Shutdown),
-            )
-        )
+        if context.holds(self.condition):
+            line = [context.text(part) for part in self.arguments] + ['--ros-args']
+            if namespace := context.text(self.namespace):
+                line += ['-r', f'__ns:=/{namespace}']
+            for entry in self.parameters:
+                if not isinstance(entry, dict):
+                    line += ['--params-file', context.text(entry)]
+                    continue
+                for name, one in entry.items():
+                    value = context.text(one.value)
+                    assert value in ('true', 'false') and one.value_type is bool
+                    line += ['-p', f'{name}:={value}']
+            for source, target in self.remappings:
+                line += ['-r', f'{context.text(source)}:={context.text(target)}']
+            ends_all = isinstance(self.on_exit, Shutdown)
+            context.processes[self.executable] = SimpleNamespace(line=line, ends_all=ends_all)
 
 
-def ros_arguments(process):
-    """Return the command line after the name of the executable, as launch_ros makes it."""
-    line = [*process.arguments, '--ros-args']
-    if process.namespace:
-        line += ['-r', f'__ns:=/{process.namespace}']
-    for path in process.files:
-        line += ['--params-file', path]
-    for name, value in process.parameters.items():
-        line += ['-p', f'{name}:={str(value).lower()}']
-    for source, target in process.remappings:
-        line += ['-r', f'{source}:={target}']
-    return line
-
-
+ACTIONS = DeclareLaunchArgument, IncludeLaunchDescription, LogInfo, Shutdown
 MODULES = {
     'launch': (LaunchDescription,),
-    'launch.actions': (
-        DeclareLaunchArgument,
-        IncludeLaunchDescription,
-        LogInfo,
-        Shutdown,
-    ),
+    'launch.actions': ACTIONS,
     'launch.conditions': (IfCondition,),
     'launch.launch_description_sources': (PythonLaunchDescriptionSource,),
     'launch.substitutions': (LaunchConfiguration,),

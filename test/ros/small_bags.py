@@ -102,10 +102,10 @@ class Recorder:
             self.add(topic, type_name)
         self._writer.write(self._connections[topic], time_ns_of(step), data)
 
-    def write_range(self, topic, step, range_m, stamp_ns=None, frame_id=''):
+    def write_range(self, topic, step, range_m, stamp_ns=None, frame_id='', **limits):
         """Write a range with the stamp of its step, or with another one."""
         time_ns = time_ns_of(step) if stamp_ns is None else stamp_ns
-        self.write(topic, step, stamped(Range(range=range_m), time_ns, frame_id))
+        self.write(topic, step, stamped(Range(range=range_m, **limits), time_ns, frame_id))
 
     def write_triangle(self, steps, ranges_m=TRIANGLE):
         for step in steps:
@@ -135,7 +135,8 @@ class Localize:
     def __init__(self, folder):
         self.folder, self.output, self.n_runs = folder, None, 0
 
-    def __call__(self, bag, *arguments, **parameters):
+    def __call__(self, bags, *arguments, **parameters):
+        bags = bags if isinstance(bags, list) else [bags]
         run = self.folder / f'run_{self.n_runs}'
         self.n_runs += 1
         run.mkdir()
@@ -143,7 +144,7 @@ class Localize:
         params = write_parameters(run, **given)
         report, self.output = run / 'report.json', run / 'out'
         paths = ('-o', self.output, '--params', params, '--report', report)
-        code = localize_bag([str(text) for text in (bag, *paths, *arguments)])
+        code = localize_bag([str(text) for text in (*bags, *paths, *arguments)])
         return code, json.loads(report.read_text()) if report.exists() else None
 
 

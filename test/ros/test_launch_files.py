@@ -5,13 +5,14 @@
 
 from functools import partial
 from importlib.util import find_spec
+from itertools import pairwise
 import os
 from pathlib import Path
 import signal
 import subprocess
 
 from geometry_msgs.msg import PoseArray
-from launch_stand_ins import MissingArgumentError, install, launched, ros_arguments
+from launch_stand_ins import MissingArgumentError, install, launched
 from processes import start
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -39,19 +40,25 @@ def launch(monkeypatch):
     return lambda name, **arguments: launched(LAUNCH / f'{name}.launch.py', **arguments)
 
 
+def after(flag, line):
+    """Return what follows each of a flag in a command line."""
+    return [value for before, value in pairwise(line) if before == flag]
+
+
 @pytest.mark.parametrize('name', REQUIRED)
 def test_every_file_starts_executables_that_there_are(launch, name):
     assert {name_of(path) for path in FILES} == set(REQUIRED)
     given = REQUIRED[name]
-    closed = {process.executable: process for process in launch(name, **given).processes}
+    closed = launch(name, **given).processes
     context = launch(name, **given, rviz='true', extra_params_file='learned.yaml')
-    processes = {process.executable: process for process in context.processes}
-    assert set(closed) <= set(EXECUTABLES) and set(processes) - set(closed) == {'rviz2'}
+    assert set(closed) <= set(EXECUTABLES)
+    assert set(context.processes) - set(closed) == {'rviz2'}
     # A second file of parameters comes after the first, which stands in for it.
-    assert closed['localizer'].files == 2 * [closed['localizer'].files[0]]
-    assert processes['localizer'].files[1:] == ['learned.yaml']
+    first, second = after('--params-file', closed['localizer'].line)
+    assert first == second
+    assert after('--params-file', context.processes['localizer'].line) == [first, 'learned.yaml']
     # Only the recording brings its own time, and ends all.
-    assert closed['localizer'].parameters['use_sim_time'] == (name == 'bag')
+    assert ('use_sim_time:=true' in closed['localizer'].line) == (name == 'bag')
     ending = [executable for executable, process in closed.items() if process.ends_all]
     assert ending == (['replay'] if name == 'bag' else [])
     for missing in given:
@@ -64,16 +71,16 @@ def test_every_file_starts_executables_that_there_are(launch, name):
 
 def test_the_simulation_has_a_namespace_a_frame_and_switches(launch):
     context = launch('simulation', namespace='left', rviz='true', frame='fleet')
-    processes = {process.executable: process for process in context.processes}
-    assert {process.namespace for process in context.processes} == {'left'}
-    rviz = processes['rviz2']
+    assert all('__ns:=/left' in process.line for process in context.processes.values())
+    rviz = context.processes['rviz2'].line
     # Without a slash: in the namespace of RViz.
-    assert rviz.remappings == [('/localizer/markers', 'localizer/markers')]
-    assert Path(rviz.arguments[1]).exists() and rviz.arguments[-2:] == ['-f', 'fleet']
+    assert after('-r', rviz)[1:] == ['/localizer/markers:=localizer/markers']
+    assert Path(*after('-d', rviz)).exists() and after('-f', rviz) == ['fleet']
     assert any('the frame fleet;' in line for line in context.lines)
     assert not launch('simulation').lines
-    defaults = {name: spec.default for name, spec in PARAMETERS.items()}
-    assert processes['simulate_fleet'].parameters.items() <= defaults.items()
+    defaults = {f'{name}:={spec.default}'.lower() for name, spec in PARAMETERS.items()}
+    switches = after('-p', context.processes['simulate_fleet'].line)
+    assert switches and set(switches) <= defaults
 
 
 @pytest.mark.skipif(find_spec('launch_ros') is None, reason='launch is not installed')
@@ -96,11 +103,11 @@ def fleets(launch, tmp_path):
     started = {fleet: [] for fleet in FLEETS}
     for fleet, (cameras, _) in FLEETS.items():
         log = (tmp_path / f'{fleet}.log').open('a')
-        for process in launch('simulation', namespace=fleet, cameras=cameras).processes:
-            command = process.executable, *ros_arguments(process)
+        context = launch('simulation', namespace=fleet, cameras=cameras)
+        for executable, process in context.processes.items():
             group = started[fleet][0].pid if started[fleet] else 0
             options = {'process_group': group, 'stdout': log, 'stderr': subprocess.STDOUT}
-            started[fleet].append(start(*command, **options))
+            started[fleet].append(start(executable, *process.line, **options))
     yield started
     for process in (process for fleet in started.values() for process in fleet):
         process.kill()

@@ -3,7 +3,6 @@
 
 """The executable `localize_bag` with one bag and with several."""
 
-import json
 import math
 import os
 from pathlib import Path
@@ -35,7 +34,6 @@ from small_bags import (
 
 from dg_localization.fleet.rotations import quaternion_of_yaw
 from dg_localization.ros.bags.offline import BagLocalizer, read_task
-from dg_localization.ros.executables import localize_bag
 from dg_localization.simulation.moving_fleet import ROBOTS
 from msg_adapters import Level, OdometryReading, PeersReading, adapter_for
 
@@ -169,16 +167,26 @@ def test_a_contradiction_is_reported_with_its_time(localize, recorder, capsys):
 
 
 def test_rejected_measurements_are_counted_by_reason(localize, recorder, capsys):
+    limits = {'min_range': 0.1, 'max_range': 30.0}
+    wrong = {
+        'nan': {'range_m': math.nan},
+        'nothing_in_range': {'range_m': math.inf, **limits},
+        'too_close': {'range_m': -math.inf},
+        'above_max': {'range_m': 31.0, **limits},
+        'below_min': {'range_m': 0.05, **limits},
+        'too_old': {'range_m': 3.0, 'stamp_ns': time_ns_of(-600)},
+        'future': {'range_m': 3.0, 'stamp_ns': time_ns_of(600)},
+        'zero_stamp': {'range_m': 3.0, 'stamp_ns': 0},
+    }
     recorder.write_triangle(range(11))
     for step in range(11):
-        recorder.write_range('/b/range/a', step, 3.0, stamp_ns=0)
+        for reading in wrong.values():
+            recorder.write_range('/b/range/a', step, **reading)
         recorder.write_range('/c/range/a', step, -1.0)
-        recorder.write_range('/c/range/b', step, math.nan)
         recorder.write_range('/c/range/stranger', step, 2.0)
     code, report = localize(recorder.close())
     assert code == 0 and report['accepted'] == 33
-    reasons = 'negative', 'unknown_robot', 'zero_stamp', 'nan'
-    assert report['rejected'] == dict.fromkeys(reasons, 11)
+    assert report['rejected'] == dict.fromkeys((*wrong, 'negative', 'unknown_robot'), 11)
     by_name = {one['input']: one for one in report['inputs']}
     assert by_name['range a->b']['accepted'] == 11
     assert by_name['range c->a']['topics'] == ['/c/range/a']
@@ -188,8 +196,8 @@ def test_rejected_measurements_are_counted_by_reason(localize, recorder, capsys)
     assert 'range -1.0 m is negative' in told and "'stranger' is not one of" in told
     # The reasons of the node are there once.
     rows = [line for line in told.splitlines() if 'nothing acceptable received' in line]
-    assert len(rows) == 4 and all('(5 ticks)' in row for row in rows)
-    assert any(run['status'] == 'input range c->b' for run in report['said'])
+    assert len(rows) == 3 and all('(5 ticks)' in row for row in rows)
+    assert any(run['status'] == 'input range c->a' for run in report['said'])
 
 
 def test_answers_are_for_the_time_of_the_odometry_as_those_of_the_node(localize, recorder):
@@ -374,40 +382,21 @@ def bags(tmp_path):
     return [write_triangles(tmp_path / name, [range(n)]) for name, n in lengths.items()]
 
 
-@pytest.fixture
-def localize_all(tmp_path):
-    """Localize bags; return the exit code and the text of the merged report."""
-    params = write_parameters(tmp_path)
-
-    def run(*arguments, output='out', report='all.json'):
-        paths = ('-o', tmp_path / output, '--report', tmp_path / report, '--params', params)
-        code = localize_bag([str(one) for one in (*paths, *arguments)])
-        path = tmp_path / report
-        return code, path.read_text() if path.exists() else None
-
-    return run
-
-
-def test_each_bag_is_localized_compared_and_drawn_as_alone(bags, localize_all, tmp_path):
+def test_each_bag_is_localized_compared_and_drawn_as_alone(bags, localize, tmp_path):
     pytest.importorskip('matplotlib', reason="matplotlib, the extra 'plots', is not installed")
-    truth, plot = (
-        ('--truth', write_table(tmp_path / 'truth.csv')),
-        ('--plot', tmp_path / 'picture.png'),
-    )
+    picture = tmp_path / 'picture.png'
     # ROS arguments reach every process.
-    ros_arguments = ('--ros-args', '-p', 'rate:=4.0')
-    code, text = localize_all(*bags, '--jobs', '1', *truth, *plot, *ros_arguments)
-    outcomes = json.loads(text)['bags']
+    given = '--truth', write_table(tmp_path / 'truth.csv'), '--ros-args', '-p', 'rate:=4.0'
+    code, report = localize(bags, '--jobs', '1', '--plot', picture, *given)
+    together, outcomes = localize.output, report['bags']
     assert code == 0 and [bag['name'] for bag in outcomes] == ['first', 'second']
     for bag, outcome in zip(bags, outcomes, strict=True):
         report = outcome['report']
         assert report['truth']['held'] == report['truth']['compared'] == report['ticks'] > 0
         assert report['rate_hz'] == 4.0
-        assert (tmp_path / 'out' / bag.name / 'picture.png').read_bytes().startswith(b'\x89PNG')
-    alone = {'output': 'alone', 'report': 'alone.json'}
-    code, text = localize_all(bags[0], *truth, *ros_arguments, **alone)
-    assert code == 0 and json.loads(text) == outcomes[0]['report']
-    assert counts(tmp_path / 'out/first/answers') == counts(tmp_path / 'alone')
+        assert (together / bag.name / 'picture.png').read_bytes().startswith(b'\x89PNG')
+    assert localize(bags[0], *given) == (0, outcomes[0]['report'])
+    assert counts(together / 'first/answers') == counts(localize.output)
 
 
 def test_ctrl_c_leaves_bags_that_can_be_read(tmp_path):
@@ -429,34 +418,31 @@ def test_ctrl_c_leaves_bags_that_can_be_read(tmp_path):
         assert not path.exists() or (path / 'metadata.yaml').exists()
 
 
-def test_a_bag_that_fails_leaves_the_others_theirs(localize_all, tmp_path):
+def test_a_bag_that_fails_leaves_the_others_theirs(localize, tmp_path):
     impossible = {('a', 'b'): 1.0, ('a', 'c'): 1.0, ('b', 'c'): 9.0}
     bag = write_triangles(tmp_path / 'first', [range(11), impossible])
     (tmp_path / 'broken.mcap').write_bytes(b'no bag')
-    code, text = localize_all(bag, tmp_path / 'broken.mcap', report='all.md')
-    assert code == 1
-    first, broken = text.splitlines()[-2:]
+    report = tmp_path / 'all.md'
+    assert localize([bag, tmp_path / 'broken.mcap'], '--report', report) == (1, None)
+    first, broken = report.read_text().splitlines()[-2:]
     assert first.startswith('| first ') and '| at its end ' in first and '| no placement' in first
     assert broken.startswith('| broken ') and 'broken.mcap' in broken
 
 
-def test_two_bags_of_one_name_are_refused(bags, localize_all, tmp_path, capsys):
-    code, text = localize_all(bags[0], bags[0])
-    assert code == 2 and text is None and not (tmp_path / 'out').exists()
-    assert "two bags are called 'first'" in capsys.readouterr().err
+def test_two_bags_of_one_name_are_refused(triangle_bag, localize, capsys):
+    assert localize([triangle_bag, triangle_bag]) == (2, None) and not localize.output.exists()
+    assert "two bags are called 'bag'" in capsys.readouterr().err
 
 
-def test_one_process_and_four_give_the_same_bytes(localize_all, tmp_path, monkeypatch):
+def test_one_process_and_four_give_the_same_bytes(localize, tmp_path, monkeypatch):
     """The order of sets, which differs between processes, does not show either."""
     stretches = [range(10)], [range(10, 20), {**TRIANGLE, ('b', 'a'): 2.0, ('c', 'b'): 9.5}]
     bags = [write_triangles(tmp_path / name, *stretches) for name in ('first', 'second')]
     found = []
     for jobs, seed in ('1', '1'), ('4', '2'):
         monkeypatch.setenv('PYTHONHASHSEED', seed)
-        given = '--jobs', jobs, '--ros-args', '-p', 'max_outliers:=2'
-        code, text = localize_all(*bags, *given, output=f'out_{jobs}')
-        assert code == 0 and json.loads(text)['bags'][0]['report']['contradictions']
-        folder = tmp_path / f'out_{jobs}'
-        files = sorted(path for path in folder.rglob('*') if path.is_file())
-        found.append({path.relative_to(folder): path.read_bytes() for path in files})
+        code, report = localize(bags, '--jobs', jobs, max_outliers=2)
+        assert code == 0 and report['bags'][0]['report']['contradictions']
+        files = sorted(path for path in localize.output.rglob('*') if path.is_file())
+        found.append({path.relative_to(localize.output): path.read_bytes() for path in files})
     assert len(found[0]) >= 6 and found[0] == found[1]
