@@ -3,7 +3,7 @@
 
 """A fleet on real topics for the tests of the node, and what the node says about it."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 import gc
 from importlib.util import find_spec
@@ -14,7 +14,7 @@ import signal
 import subprocess
 import sys
 import time
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -37,7 +37,6 @@ from std_srvs.srv import Trigger  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 from dg_localization.fleet import Localizer, warm_up  # noqa: E402
-from dg_localization.fleet.rotations import quaternion_of_yaw  # noqa: E402
 from dg_localization.ros.node.localizer import LocalizerNode  # noqa: E402
 from msg_adapters import (  # noqa: E402
     BearingReading,
@@ -93,18 +92,6 @@ def paper_fleet(shared):
     return PaperFleet(json.loads((shared / 'truth/fleet.json').read_text()))
 
 
-@dataclass
-class Heard:
-    """What the node has said, newest last."""
-
-    fleet: list = field(default_factory=list)
-    markers: list = field(default_factory=list)
-    robots: dict = field(default_factory=dict)
-    poses: dict = field(default_factory=dict)
-    statuses: dict = field(default_factory=dict)
-    diagnostics: int = 0
-
-
 @pytest.fixture(scope='module', autouse=True)
 def _nothing_lives_on():
     """
@@ -155,26 +142,25 @@ class Bench:
         self.node = Node('bench', context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
-        self.heard = Heard()
         self.sending = []
         self._next_send_s = 0.0
         self._publishers = {}
         self._clients = {}
-        self._listen(robots)
-
-    def _listen(self, robots):
-        heard, listen = self.heard, self.node.create_subscription
+        # What the node has said, newest last.
+        self.heard = heard = SimpleNamespace(
+            fleet=[], markers=[], diagnostics=[], statuses={}, robots={}, poses={}
+        )
+        listen = self.node.create_subscription
         listen(PoseArray, '/localizer/feasible_poses', heard.fleet.append, LATCHED)
         listen(MarkerArray, '/localizer/markers', heard.markers.append, LATCHED)
         listen(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         for robot in robots:
-            arrays, poses = [], []
-            heard.robots[robot], heard.poses[robot] = arrays, poses
+            arrays, poses = heard.robots[robot], heard.poses[robot] = [], []
             listen(PoseArray, f'/localizer/{robot}/feasible_poses', arrays.append, LATCHED)
             listen(PoseWithCovarianceStamped, f'/localizer/{robot}/pose', poses.append, 10)
 
     def _on_diagnostics(self, message):
-        self.heard.diagnostics += 1
+        self.heard.diagnostics.append(message)
         for status in diagnostics_from_message(message).statuses:
             self.heard.statuses[status.name] = status
 
@@ -199,11 +185,9 @@ class Bench:
 
     def clear(self):
         heard = self.heard
-        lists = [heard.fleet, heard.markers, *heard.robots.values(), *heard.poses.values()]
-        for messages in lists:
-            messages.clear()
-        heard.statuses.clear()
-        heard.diagnostics = 0
+        of_robots = *heard.robots.values(), *heard.poses.values()
+        for said in (heard.fleet, heard.markers, heard.diagnostics, heard.statuses, *of_robots):
+            said.clear()
 
     def now_s(self):
         return self.node.get_clock().now().nanoseconds * 1e-9
@@ -220,21 +204,18 @@ class Bench:
         adapter = adapter_for(type_name)
         self.publisher(adapter.message_class(), topic).publish(adapter.to_message(value))
 
-    def stamp_s(self, stamp_s):
-        return self.now_s() if stamp_s is None else stamp_s
-
-    def send_range(self, observer, target, range_m, stamp_s=None, topic=None, **limits):
-        reading = RangeReading(self.stamp_s(stamp_s), range_m, **limits)
-        self.send('sensor_msgs/msg/Range', topic or f'/{observer}/range/{target}', reading)
+    def send_range(self, observer, target, range_m, stamp_s=None):
+        reading = RangeReading(stamp_s or self.now_s(), range_m)
+        self.send('sensor_msgs/msg/Range', f'/{observer}/range/{target}', reading)
 
     def send_bearing(self, observer, target, ray, stamp_s=None):
-        reading = BearingReading(self.stamp_s(stamp_s), ray)
+        reading = BearingReading(stamp_s or self.now_s(), ray)
         self.send('geometry_msgs/msg/Vector3Stamped', f'/{observer}/bearing/{target}', reading)
 
-    def send_odometry(self, robot, place_m, yaw_rad=0.0, stamp_s=None):
-        pose = np.array([*place_m, 0.0]), quaternion_of_yaw(yaw_rad)
-        frames = f'{robot}/odom', f'{robot}/base'
-        reading = OdometryReading(self.stamp_s(stamp_s), *pose, *frames)
+    def send_odometry(self, robot, place_m):
+        """Send a pose that looks along the x axis."""
+        pose = np.array([*place_m, 0.0]), np.array([0.0, 0.0, 0.0, 1.0])
+        reading = OdometryReading(self.now_s(), *pose, f'{robot}/odom', f'{robot}/base')
         self.send('nav_msgs/msg/Odometry', f'/{robot}/odom', reading)
 
     def send_clock(self, time_s):
@@ -282,11 +263,8 @@ class Bench:
             value = condition()
             if value:
                 return value
-        pytest.fail(f'waited {deadline_s} s for {what}; diagnostics: {self.summary()}')
-
-    def summary(self):
-        levels = {name: (s.level.name, s.message) for name, s in self.heard.statuses.items()}
-        return json.dumps(levels, indent=1)
+        said = {name: (s.level.name, s.message) for name, s in self.heard.statuses.items()}
+        pytest.fail(f'waited {deadline_s} s for {what}; diagnostics: {json.dumps(said, indent=1)}')
 
     def status(self, part):
         return self.heard.statuses.get(f'localizer: {part}')

@@ -124,8 +124,9 @@ def damages(bag: Path, storage: str, n_bits: int) -> Iterator[Damage]:
         # Spread evenly, so that no part of the file is left out.
         place = (k * len(data) + generator.randrange(len(data))) // n_bits
         bit = generator.randrange(8)
-        flipped = partial(_splice, place, place + 1, bytes([data[place] ^ 1 << bit]))
-        yield Damage(f'bit {bit} of byte {place}', flipped, storage == 'mcap')
+        flipped = bytes([data[place] ^ 1 << bit])
+        name = f'bit {bit} of byte {place}'
+        yield _spliced(name, place, place + 1, flipped, storage == 'mcap')
     yield from _db3() if storage == 'db3' else _mcap(data)
 
 
@@ -134,6 +135,10 @@ def _splice(begin: int, end: int, new: bytes, bag: Path) -> None:
     path = storage_of(bag)
     data = path.read_bytes()
     path.write_bytes(data[:begin] + new + data[end:])
+
+
+def _spliced(name: str, begin: int, end: int, new: bytes = b'', noticed: bool = True) -> Damage:
+    return Damage(name, partial(_splice, begin, end, new), noticed)
 
 
 def _files(data: bytes) -> Iterator[Damage]:
@@ -149,14 +154,13 @@ def _files(data: bytes) -> Iterator[Damage]:
     size = len(data)
     yield Damage('no storage', lambda bag: storage_of(bag).unlink())
     yield Damage('the storage is a folder', a_folder)
-    yield Damage('a file of zero bytes', partial(_splice, 0, size, b''))
+    yield _spliced('a file of zero bytes', 0, size)
     for percent in range(10, 100, 10):
         begin = size * percent // 100
-        yield Damage(f'cut at {percent} %', partial(_splice, begin, size, b''))
+        yield _spliced(f'cut at {percent} %', begin, size)
         zeros = bytes(min(512, size - begin))
-        zeroed = partial(_splice, begin, begin + 512, zeros)
-        yield Damage(f'512 zeros at {percent} %', zeroed, False)
-    yield Damage('zeros behind the end', partial(_splice, size, size, bytes(4096)))
+        yield _spliced(f'512 zeros at {percent} %', begin, begin + 512, zeros, False)
+    yield _spliced('zeros behind the end', size, size, bytes(4096))
     yield Damage('a second file of the same', twice)
 
 
@@ -248,14 +252,13 @@ def _mcap(data: bytes) -> Iterator[Damage]:
     size = len(data)
     for begin, opcode in mcap_records(data):
         end, record = _end(data, begin), f'record {opcode} at {begin}'
-        yield Damage(f'cut at {record}', partial(_splice, begin, size, b''))
-        yield Damage(f'cut in {record}', partial(_splice, begin + 11, size, b''))
+        yield _spliced(f'cut at {record}', begin, size)
+        yield _spliced(f'cut in {record}', begin + 11, size)
         for length in HUGE:
-            at, new = begin + OPCODE_BYTES, struct.pack('<Q', length)
-            long = partial(_splice, at, at + LENGTH_BYTES, new)
-            yield Damage(f'{record}: length {length}', long)
-        yield Damage(f'{record} is gone', partial(_splice, begin, end, b''))
-        yield Damage(f'{record} is twice', partial(_splice, end, end, data[begin:end]))
+            new, first = struct.pack('<Q', length), begin + OPCODE_BYTES
+            yield _spliced(f'{record}: length {length}', first, first + LENGTH_BYTES, new)
+        yield _spliced(f'{record} is gone', begin, end)
+        yield _spliced(f'{record} is twice', end, end, data[begin:end])
 
 
 def mcap_records(data: bytes) -> Iterator[tuple[int, int]]:

@@ -24,34 +24,26 @@ from matplotlib.colors import rgb_to_hsv, to_rgb  # noqa: E402
 from dg_localization.ros.bags.picture import COLORS, ERROR, HEADING, AnswerPicture  # noqa: E402
 
 
-class Answers:
-    """Answers of robots that stand at known places, and their picture."""
-
-    def __init__(self, places, *pairs, title='bag', **settings):
-        robots = tuple(places)
-        self.config = FleetConfig(robots=robots, dimension=len(places[robots[0]]), **settings)
-        tracks = {name: TrueTrack.at_rest(place) for name, place in places.items()}
-        self.picture = AnswerPicture(self.config, title, FleetTruth(self.config, tracks))
-        self.places, self.pairs = places, pairs
-
-    def add(self, count, first=0):
-        """Add `count` answers, one after the other."""
-        localizer = Localizer(self.config)
-        for step in range(first, first + count):
-            time_s = 1.0 + 0.2 * step
-            for a, b in self.pairs:
-                range_m = math.dist(self.places[a], self.places[b])
+def drawn(places, *runs):
+    """Draw answers of robots at known places, of each run a number, with ranges of its pairs."""
+    robots = tuple(places)
+    config = FleetConfig(robots=robots, dimension=len(places[robots[0]]))
+    tracks = {name: TrueTrack.at_rest(place) for name, place in places.items()}
+    picture, time_s = AnswerPicture(config, 'bag', FleetTruth(config, tracks)), 1.0
+    for count, pairs in runs:
+        localizer = Localizer(config)
+        for _ in range(count):
+            for a, b in pairs:
+                range_m = math.dist(places[a], places[b])
                 assert localizer.add_range(a, b, range_m, stamp_s=time_s, now_s=time_s) is None
             snapshot = localizer.snapshot(time_s)
-            self.picture.add(localizer.estimate(snapshot), snapshot, 0.2 * step)
-
-    def panels(self):
-        """Return the map and the panels of each robot."""
-        figure = self.picture.figure()
-        figure.canvas.draw()
-        the_map, *panels = figure.axes
-        n_columns = len(self.picture.columns)
-        return the_map, np.reshape(np.array(panels, dtype=object), (-1, n_columns))
+            picture.add(localizer.estimate(snapshot), snapshot, time_s - 1.0)
+            time_s += 0.2
+    figure = picture.figure()
+    figure.canvas.draw()
+    the_map, *panels = figure.axes
+    panels = np.reshape(np.array(panels, dtype=object), (len(robots), -1))
+    return picture.columns, the_map, panels
 
 
 def rectangles_of(panel):
@@ -60,11 +52,8 @@ def rectangles_of(panel):
 
 
 def test_bounds_points_and_truth_of_every_robot_are_drawn():
-    answers = Answers(PLACES, *TRIANGLE)
-    answers.add(5)
-    the_map, panels = answers.panels()
-    assert panels.shape == (3, 4)
-    assert answers.picture.columns == ('x [m]', 'y [m]', HEADING, ERROR)
+    columns, the_map, panels = drawn(PLACES, (5, TRIANGLE))
+    assert panels.shape == (3, 4) and columns == ('x [m]', 'y [m]', HEADING, ERROR)
     points, true = panels[2, 1].lines
     # Two hypotheses, mirror images of each other.
     assert sorted(np.round(points.get_ydata(), 6)) == pytest.approx([-4.0] * 5 + [4.0] * 5)
@@ -80,20 +69,14 @@ def test_bounds_points_and_truth_of_every_robot_are_drawn():
 
 
 def test_bounds_without_an_end_fill_the_panel():
-    answers = Answers({**PLACES, 'd': (9.0, 9.0)}, *TRIANGLE, ('a', 'd'))
-    answers.add(2)
-    _, panels = answers.panels()
+    _, _, panels = drawn({**PLACES, 'd': (9.0, 9.0)}, (2, [*TRIANGLE, ('a', 'd')]))
     limits = panels[3, 0].get_ylim()
     for corners in rectangles_of(panels[3, 0]):
         assert limits[0] <= corners[:, 1].min() < corners[:, 1].max() <= limits[1]
 
 
 def test_a_change_of_the_frame_is_marked():
-    answers = Answers(PLACES, *TRIANGLE)
-    answers.add(3)
-    answers.pairs = [('b', 'c')]
-    answers.add(2, first=3)
-    the_map, panels = answers.panels()
+    _, the_map, panels = drawn(PLACES, (3, TRIANGLE), (2, [('b', 'c')]))
     assert [line.get_xdata()[0] for line in panels[0, 0].lines[2:]] == pytest.approx([0.6])
     assert 'origin at a' in the_map.get_title()
     assert '2 answers have other frames' in the_map.get_title().replace('\n', ' ')
@@ -101,10 +84,8 @@ def test_a_change_of_the_frame_is_marked():
 
 def test_in_space_there_are_three_coordinates():
     places = {'a': (0.0, 0.0, 0.0), 'b': (3.0, 0.0, 0.0), 'c': (0.0, 4.0, 0.0), 'd': (1.0, 1.0, 2)}
-    answers = Answers(places, *combinations(places, 2))
-    answers.add(2)
-    assert answers.panels()[1].shape == (4, 4)
-    assert answers.picture.columns == ('x [m]', 'y [m]', 'z [m]', ERROR)
+    columns, _, panels = drawn(places, (2, [*combinations(places, 2)]))
+    assert panels.shape == (4, 4) and columns == ('x [m]', 'y [m]', 'z [m]', ERROR)
 
 
 BROWSERS = 'chromium', 'chromium-browser', 'google-chrome'

@@ -43,6 +43,7 @@ def learn(tmp_path, capsys):
         capsys.readouterr()
         code = fit_bounds([str(bag), '--params', str(file), *map(str, arguments)])
         run.output, run.errors = capsys.readouterr()
+        run.told = ' '.join(run.output.replace('\n#', ' ').split())
         found = yaml.safe_load(run.output) if run.output else None
         return code, found['/**']['ros__parameters'] if found else None
 
@@ -177,8 +178,7 @@ def test_bounds_of_the_first_half_are_judged_on_the_second(tmp_path, learn):
     bag = record_three(tmp_path / 'bag', n_biased=0, truth=PLACES_M, n_good=120)
     code, _ = learn(bag, '--truth', '/{robot}/truth')
     assert code == 0
-    text = ' '.join(learn.output.replace('#', ' ').split())
-    (share,) = set(re.findall(r'the first half alone, (\S+) % of the second excluded', text))
+    (share,) = set(re.findall(r'first half alone, (\S+) % of the second excluded', learn.told))
     # The last 80 of its 100 readings.
     assert float(share) == pytest.approx(80.0, abs=2.0)
 
@@ -215,10 +215,9 @@ def test_a_link_without_truth_keeps_all_of_the_bounds_that_it_states(
         assert -0.05 < other.min_error_m + 4.0 * other.min_error_relative < 0.0
     else:
         assert (other.min_error_m, other.max_error_m) == (-0.1, 0.1)
-    text = ' '.join(learn.output.replace('\n#', '').split())
-    nothing = '/r1/range/r3 has no range to learn from' in text
+    nothing = '/r1/range/r3 has no range to learn from' in learn.told
     assert nothing == (n_biased == 0 or bool(truth))
-    assert ('not a bias of a pair' in text) == (not truth)
+    assert ('not a bias of a pair' in learn.told) == (not truth)
     assert BARO_LINK in learn.output
 
 
@@ -277,9 +276,8 @@ def test_odometry_is_learned_between_its_restarts_where_the_truth_is_known(
     # What is not learned stays as stated.
     assert (learned.max_gap_s, learned.latency_s) == (0.4, 0.2)
     assert fleet.odometry_error_of('r2') == stated
-    text = learn.output.replace('\n#  ', '')
-    assert 'Odometry of r1 started anew 1 times' in text
-    assert 'Nothing was learned of the odometry of r2, r3: it is as' in text
+    assert 'Odometry of r1 started anew 1 times' in learn.told
+    assert 'Nothing was learned of the odometry of r2, r3: it is as' in learn.told
 
 
 def test_errors_of_sensors_on_a_robot_are_seen_from_where_they_are(tmp_path, learn):
@@ -373,7 +371,7 @@ def test_stamps_that_are_early_and_a_gross_reading_are_named(tmp_path, learn):
     values = {'cameras': False, 'speed': 1.0, 'error': 0.005, 'seconds': 40.0}
     bag = record_simulation(tmp_path / 'bag', change=spoiled, **values)
     code, found = learn(bag, '--truth', SIMULATED_TRUTH, '--keep', '1')
-    text = ' '.join(learn.output.replace('\n#', ' ').split())
+    text = learn.told
     assert code == 0
     (early,) = re.findall(r'Stamps of range (\S+) are (\S+) s early', text)
     assert early[0] == 'robot_1->robot_2'
@@ -390,4 +388,4 @@ def test_stamps_that_are_early_and_a_gross_reading_are_named(tmp_path, learn):
     assert broken == ['1']
     assert 'window_outliers' not in text
     learn(bag, '--truth', SIMULATED_TRUTH, '--keep', '0.99')
-    assert 'window_outliers: 1' in ' '.join(learn.output.replace('\n#', ' ').split())
+    assert 'window_outliers: 1' in learn.told

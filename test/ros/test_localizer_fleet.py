@@ -128,7 +128,7 @@ def test_silence_leaves_no_stale_answer(fresh, paper_fleet):
 
 def test_diagnostics_come_every_second_without_any_change(fresh):
     fresh.clear()
-    fresh.until(lambda: fresh.heard.diagnostics >= 2, 'two diagnostics', deadline_s=5.0)
+    fresh.until(lambda: len(fresh.heard.diagnostics) >= 2, 'two diagnostics', deadline_s=5.0)
     assert 'localizer: robot robot_1' in fresh.heard.statuses
 
 
