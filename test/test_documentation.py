@@ -8,6 +8,7 @@ from pathlib import Path
 import re
 
 import pytest
+import yaml
 
 REPOSITORY = Path(__file__).parents[1]
 README = REPOSITORY / 'README.md'
@@ -85,14 +86,9 @@ def test_commands_are_executables_benchmarks_or_files():
 
 
 def test_parameters_that_the_pages_name_exist():
-    known, room = set(), ''
-    for line in text_of(REPOSITORY / 'config/localizer.yaml').splitlines():
-        indent, name, value = re.fullmatch(r'( *)([\w/*]*):?(.*)', line).groups()
-        if name and indent == 4 * ' ':
-            room = '' if value else f'{name}.'
-        if name and value:
-            known.add(room + name)
-    rooms = {parameter.partition('.')[0] for parameter in known if '.' in parameter}
+    (table,) = yaml.safe_load(text_of(REPOSITORY / 'config/localizer.yaml')).values()
+    rooms = {room: own for room, own in table['ros__parameters'].items() if isinstance(own, dict)}
+    known = {f'{room}.{name}' for room, own in rooms.items() for name in own}
     for page in (README, *DOCS):
         named = re.findall(r'`(\w+\.[a-z_]+)(?::[^`]*)?`', without_code(text_of(page)))
         wrong = {text for text in named if text.partition('.')[0] in rooms and text not in known}

@@ -9,7 +9,6 @@ from pathlib import Path
 from estimates import AS_MAP
 import numpy as np
 import pytest
-from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from visualization_msgs.msg import MarkerArray
 import yaml
@@ -22,11 +21,6 @@ REPOSITORY = Path(__file__).parents[2]
 RVIZ = yaml.safe_load((REPOSITORY / 'config/localizer.rviz').read_text(encoding='utf-8'))
 FOXGLOVE = json.loads((REPOSITORY / 'config/foxglove_layout.json').read_text(encoding='utf-8'))
 PAPER_FLEET = REPOSITORY / 'config/paper_fleet.yaml'
-# The displays of RViz that need no topic, and the type that the others show.
-WITHOUT_TOPIC = {'rviz_default_plugins/Grid'}
-SHOWN = {'rviz_default_plugins/MarkerArray': 'MarkerArray'}
-RELIABILITY = {'Reliable': ReliabilityPolicy.RELIABLE}
-DURABILITY = {'Transient Local': DurabilityPolicy.TRANSIENT_LOCAL}
 
 
 @pytest.fixture(scope='module')
@@ -39,7 +33,8 @@ def outputs():
 @pytest.fixture(scope='module')
 def displays():
     displays = RVIZ['Visualization Manager']['Displays']
-    return [display for display in displays if display['Class'] not in WITHOUT_TOPIC]
+    # A grid needs no topic.
+    return [one for one in displays if one['Class'] != 'rviz_default_plugins/Grid']
 
 
 def panels(kind):
@@ -73,10 +68,11 @@ def test_rviz_shows_topics_of_the_node_with_their_type_and_qos(outputs, displays
     for display in displays:
         topic = display['Topic']
         output = outputs[topic['Value']]
-        assert output.message_class.__name__ == SHOWN[display['Class']]
-        assert RELIABILITY[topic['Reliability Policy']] == output.qos.reliability
-        assert DURABILITY[topic['Durability Policy']] == output.qos.durability
-        assert topic['Depth'] == output.qos.depth
+        qos = output.qos
+        assert display['Class'] == f'rviz_default_plugins/{output.message_class.__name__}'
+        assert topic['Reliability Policy'] == qos.reliability.name.capitalize()
+        assert topic['Durability Policy'] == qos.durability.name.replace('_', ' ').title()
+        assert topic['Depth'] == qos.depth
 
 
 def test_foxglove_shows_topics_of_the_node_in_panels_for_their_type(outputs):
@@ -123,22 +119,15 @@ def test_a_name_is_not_drawn_over_its_robot_nor_twice_at_the_same_place(paper_fl
     assert len(names) < len(robots.points) / 3
 
 
-EKF = yaml.safe_load((REPOSITORY / 'config/ekf_example.yaml').read_text(encoding='utf-8'))
-EKF_VALUES = EKF['ekf_filter_node']['ros__parameters']
-EKF_SETTINGS = settings_from(check_values({'robots': ['robot_1']}))
-EKF_ROBOT = EKF_SETTINGS.fleet.robots[0]
-
-
-def test_it_fuses_positions_of_the_localizer_and_velocities_of_odometry():
-    types = {
-        output.name.replace('~', '/localizer'): output.message_class.__name__
-        for output in estimate_outputs((EKF_ROBOT,))
-    }
-    assert types[EKF_VALUES['pose0']] == 'PoseWithCovarianceStamped'
-    assert EKF_VALUES['world_frame'] == EKF_VALUES['map_frame'] == EKF_SETTINGS.fixed_frame
-    (odometry,) = [template for template in EKF_SETTINGS.templates if 'robot' in template.fields]
-    assert EKF_VALUES['odom0'] == odometry.text.format(robot=EKF_ROBOT)
+def test_the_example_of_a_filter_fuses_positions_of_the_localizer_and_velocities(outputs):
+    text = (REPOSITORY / 'config/ekf_example.yaml').read_text(encoding='utf-8')
+    values = yaml.safe_load(text)['ekf_filter_node']['ros__parameters']
+    settings = settings_from(check_values({'robots': ['robot_1']}))
+    assert outputs[values['pose0']].message_class.__name__ == 'PoseWithCovarianceStamped'
+    assert values['world_frame'] == values['map_frame'] == settings.fixed_frame
+    (odometry,) = [template for template in settings.templates if 'robot' in template.fields]
+    assert values['odom0'] == odometry.text.format(robot='robot_1')
     # In the order x y z, roll pitch yaw, then their rates, then accelerations.
     for source, wanted in (('pose0', [0, 1]), ('odom0', [6, 7, 11])):
-        fused = EKF_VALUES[f'{source}_config']
+        fused = values[f'{source}_config']
         assert len(fused) == 15 and [i for i, one in enumerate(fused) if one] == wanted
