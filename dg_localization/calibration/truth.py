@@ -14,15 +14,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dg_localization.fleet import FixedFrame, FleetConfig, FrameKind, Placement, Snapshot
+from dg_localization.fleet import (
+    FixedFrame,
+    FleetConfig,
+    FrameKind,
+    OdometryErrorModel,
+    Placement,
+    Snapshot,
+)
 from dg_localization.fleet.rotations import level_rotations, rotation_of_quaternion
 from dg_localization.fleet.vocabulary import OdometrySample
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-
-MOST_GAP_S = 1.0
-"""Samples farther apart in time are not interpolated."""
 
 SAME_TIME_S = 1e-6
 """A time this near to a sample counts as its time: the same stamp may be rounded differently."""
@@ -114,8 +118,10 @@ class TrueTrack:
         before = np.maximum(after - 1, 0)
         since_s, until_s = times_s - stamps[before], stamps[after] - times_s
         gaps_s = stamps[after] - stamps[before]
-        # Before the first sample there is no sample on the other side, and no gap.
-        between = (gaps_s > 0.0) & (gaps_s <= MOST_GAP_S) & (until_s >= 0.0)
+        # Across a gap in which odometry would count as lost, nothing is interpolated. Before the
+        # first sample there is no sample on the other side, and no gap.
+        is_near = gaps_s <= OdometryErrorModel.max_gap_s
+        between = (gaps_s > 0.0) & is_near & (until_s >= 0.0)
         share = np.divide(since_s, gaps_s, out=np.zeros_like(gaps_s), where=between)[:, None]
         found = (1.0 - share) * values[before] + share * values[after]
         found[~between] = np.nan

@@ -13,7 +13,12 @@ import numpy as np
 
 from dg_localization.fleet import Estimate, Group, InputState, LinkKey, LinkKind, Placement
 from dg_localization.fleet.rotations import yaw_of
-from dg_localization.ros.interface.intake import NONE_MALFORMED, Malformed, shortened
+from dg_localization.ros.interface.intake import (
+    LEAST_OFFENCES,
+    NONE_MALFORMED,
+    Malformed,
+    shortened,
+)
 from dg_localization.ros.interface.links import ANY_OBSERVER, Link
 from dg_localization.ros.interface.parameters.settings import Settings
 from dg_localization.solver.result import Verdict
@@ -23,8 +28,6 @@ from msg_adapters import Level, Status
 LISTED = 8
 # A smaller fraction of the wanted rate gives a warning.
 TOLERATED_RATE = 0.9
-# A sensor is reported if it was a suspect this often, and in half of all contradictions.
-LEAST_OFFENCES = 3
 
 LOCALIZED = Level.OK, 'localized: one hypothesis'
 
@@ -136,6 +139,7 @@ def _fleet_warnings(report: Report) -> Iterator[str]:
     if rate_hz is not None and rate_hz < TOLERATED_RATE * wanted_hz:
         yield f'localizes at {rate_hz:.2g} Hz, not at the {wanted_hz:g} Hz of `rate`'
     for offender in report.estimate.offenders[:LISTED] if report.estimate else ():
+        # It was a suspect often, and in half of all contradictions.
         if max(LEAST_OFFENCES, offender.contradictions / 2) <= offender.count:
             yield str(offender)
     if report.rejecting:

@@ -49,9 +49,10 @@ ROWS_PER_POINT = 2
 MOST_CHARACTERS = 300
 # The last field of sensor_msgs/Range, in single precision.
 VARIANCE_BYTES = 4
-# An input has a warning if it rejected at least this many readings over this time.
+# An input has a warning if it rejected most readings over this time.
 REJECTING_S = 10.0
-LEAST_REJECTED = 5
+# A sensor gives a warning only after so many rejected readings, or contradictions.
+LEAST_OFFENCES = 3
 # Readings of a sensor that works are rejected for these reasons, and unknown points have warnings
 # of their own.
 HARMLESS = {
@@ -259,7 +260,7 @@ class Intake:
             accepted, rejected = (
                 new - old for new, old in zip(counts[state.key], before, strict=True)
             )
-            if rejected >= LEAST_REJECTED and rejected > accepted:
+            if rejected >= LEAST_OFFENCES and rejected > accepted:
                 found[state.key] = (
                     f'rejects {rejected} of {accepted + rejected} readings: '
                     f'{state.last_reason_text}'
