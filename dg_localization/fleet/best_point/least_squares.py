@@ -21,17 +21,14 @@ from dg_localization.fleet.best_point.normal_equations import (
     normal_equations,
 )
 from dg_localization.fleet.best_point.terms import PLACE, RANGE, RAY, STEP, TURN, Terms
+from dg_localization.solver.place.placements import MOST_DAMPING, MOST_STEPS, THOROUGH
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
-MOST_STEPS = 30
-FIRST_DAMPING = 1e-3
-LEAST_DAMPING = 1e-9
-MOST_DAMPING = 1e6
-LEAST_GAIN = 1e-6
-"""A fit ends with a step that lowers the cost by less than this, relative or absolute."""
+FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-9
+"""Terms added to the diagonal of the normal equations, as fractions of it."""
 
 VECTOR_PRODUCT = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2).reshape(3, 9)
 """A vector times this is its cross-product matrix, row by row."""
@@ -134,7 +131,8 @@ def fit_terms(terms: Terms, start: Bodies, *, robust: bool = False) -> Fit:
         if trial_cost < cost:
             gain, cost, best, (matrix, vector) = cost - trial_cost, trial_cost, trial, equations
             damping = max(0.1 * damping, LEAST_DAMPING)
-            if gain <= LEAST_GAIN * max(1.0, cost):
+            # The gain counts relative to a cost of at least one.
+            if gain <= THOROUGH.least_gain * max(1.0, cost):
                 break
         elif (damping := 10.0 * damping) > MOST_DAMPING:
             break

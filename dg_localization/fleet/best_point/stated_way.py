@@ -21,12 +21,10 @@ from numpy.typing import NDArray
 from dg_localization.fleet.best_point.terms import LEAST_HALF_WIDTH, STEP, TURN, UNIFORM, Terms
 from dg_localization.fleet.estimate import Placement
 from dg_localization.fleet.snapshot import Snapshot
+from dg_localization.fleet.window.memory import MOST_OBSERVATIONS
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-
-MOST_SAMPLES = 200
-"""The path is straight between samples."""
 
 VARIANTS = 5
 """Variants of a path: as stated, and with each of four odometry errors along the whole path."""
@@ -52,8 +50,8 @@ class StatedWay:
         stamps_s = path.stamps_s[first:]
         steps_s, known = np.diff(stamps_s), path.is_known[first:]
         self._sampled_s = stamps_s, np.append(0.0, np.cumsum(np.where(known, 0.0, steps_s)))
-        # Thin from the newest sample backward, since it counts most.
-        every = slice(None, None, -max(1, len(stamps_s) // MOST_SAMPLES))
+        # The path is straight between samples. Thin from the newest backward: it counts most.
+        every = slice(None, None, -max(1, len(stamps_s) // MOST_OBSERVATIONS))
         self._stamps_s, poses = stamps_s[every][::-1], path.poses[first:][every][::-1]
         # Poses before the first odometry sample are unknown.
         self.since_s = max(oldest_s, float(self._stamps_s[0]))

@@ -27,7 +27,7 @@ from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
 MARGIN = 0.1
 """Least squares aims this fraction of an interval's width inside its ends."""
 
-MOST_STEPS = 40
+MOST_STEPS = 30
 """Most steps of least squares."""
 
 FIRST_DAMPING, MOST_DAMPING = 1e-6, 1e3
