@@ -26,15 +26,13 @@ from dg_localization.poses.cuts import (
     place_ends,
 )
 from dg_localization.poses.half_spaces import CENTER, HALF, HIGH, LOW, VIEW, YAW, view_box
+from dg_localization.solver.contract.widths import LEAST_GAIN
 
 POSSIBLE = -1
 """No pair rules out a box."""
 
 TOLERANCE = 1e-6
 """Fraction of their widths by which functions may violate their bounds in a linear program."""
-
-LEAST_NARROWED = 0.05
-"""A box is narrowed again while some unknown loses this share of its width."""
 
 
 @kernel(borrows=True)
@@ -168,6 +166,6 @@ def narrow_box(box: np.ndarray, table: np.ndarray, passes: int) -> int:
             if ends[HIGH] < -ends[LOW] or box[LOW, unknown] > box[HIGH, unknown]:
                 return _guilty(programs, bounds, owners)
             narrowed = max(narrowed, 1.0 - 0.5 * (ends[LOW] + ends[HIGH]))
-        if narrowed < LEAST_NARROWED:
+        if narrowed < LEAST_GAIN:
             break
     return POSSIBLE

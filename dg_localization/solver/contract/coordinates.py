@@ -246,9 +246,13 @@ def _leaves(
 
 
 def regions_of_point(
-    enclosure: FloatArray, lower: FloatArray, upper: FloatArray, least_ratio: float
+    enclosure: FloatArray, lower: FloatArray, upper: FloatArray, resolution_m: float
 ) -> FloatArray:
-    """Return the regions that a point can be in, by its distances to other points."""
+    """
+    Return the regions that a point can be in, by its distances to other points.
+
+    They are unions of boxes no finer than the resolution or the widest distance.
+    """
     count, _, dimension = enclosure.shape
     low, high = np.empty((count + 1, dimension)), np.empty((count + 1, dimension))
     low[0], high[0] = -np.inf, np.inf
@@ -257,10 +261,7 @@ def regions_of_point(
     all_lower = np.zeros((count + 1, count + 1))
     all_upper = np.full_like(all_lower, np.inf)
     all_lower[0, 1:], all_upper[0, 1:] = lower, upper
-    long_m = np.sqrt(upper)
-    side_m = max(
-        (least_ratio * long_m).max(initial=0.0), (long_m - np.sqrt(lower)).max(initial=0.0)
-    )
+    side_m = float((np.sqrt(upper) - np.sqrt(lower)).max(initial=resolution_m))
     return component_hulls(_leaves(low, high, all_lower, all_upper, side_m))[0]
 
 

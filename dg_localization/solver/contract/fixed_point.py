@@ -31,6 +31,7 @@ from dg_localization.solver.contract.reduction import (
 from dg_localization.solver.contract.sides import Sides, chiralities_are_possible, sides_of
 from dg_localization.solver.contract.triangles import smooth, smooth_triangles
 from dg_localization.solver.contract.widths import (
+    LEAST_GAIN,
     axes_of,
     is_finished,
     largest_gain,
@@ -49,14 +50,9 @@ MAX_SWEEPS, MAX_QUICK_SWEEPS = 50, 2
 """Most sweeps over all axes, in a full and in a quick contraction. Later sweeps narrow little of
 the ranges that joints leave open."""
 
-LEAST_GAIN = 0.05
-"""A sweep that shortens no interval by more than this fraction is the last."""
-
 MOST_IDLE_TESTS = 4
-"""A sweep ends after this many tests in a row without such a gain: later axes are less known."""
-
-LEAST_GAP = 0.1
-"""A gap narrower than this fraction of the resolution does not split a box."""
+"""A sweep ends after this many tests in a row without a gain, since later axes are less known, and
+so does tightening after this many frames."""
 
 
 leave_early = nullcontext if COMPILED else until
@@ -250,7 +246,7 @@ class Contractor:
             status = self._project(some, self.problem.n_points, stopped)
             if status is not None:
                 return status
-            if widest_gap_m(box) > LEAST_GAP * self._resolution_m:
+            if widest_gap_m(box) > 0.0:
                 # The two parts contract better after a split.
                 if first + len(some) >= enough:
                     return Status.CONTRACTED

@@ -24,7 +24,7 @@ from dg_localization.solver.box import (
     Status,
     cut_at,
 )
-from dg_localization.solver.contract.fixed_point import EXPLAINED_FACTOR, LEAST_GAP, Pruned
+from dg_localization.solver.contract.fixed_point import EXPLAINED_FACTOR, Pruned
 from dg_localization.solver.contract.widths import excess
 from dg_localization.solver.pair_bounds import pairs_among
 from dg_localization.solver.result import Statistics
@@ -45,7 +45,7 @@ def split(pruned: Pruned, resolution_m: float, at_gaps: bool = False) -> list[Fl
     width_m, gap_m = np.sqrt(high) - np.sqrt(low), np.sqrt(gap_high) - np.sqrt(gap_low)
     if np.max(width_m, where=high < np.inf, initial=0.0) <= resolution_m:
         return []
-    gaps = np.flatnonzero(gap_m > LEAST_GAP * resolution_m)
+    gaps = np.flatnonzero(gap_m > 0.0)
     if len(gaps):
         x = gaps[np.argmin(width_m[gaps] - gap_m[gaps])]
         return cut_at(box, (i[x], j[x]), gap_low[x], gap_high[x])

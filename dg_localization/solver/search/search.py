@@ -15,7 +15,7 @@ import numpy as np
 
 from dg_localization.interval.kernels import until
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, Status
-from dg_localization.solver.contract.fixed_point import Contractor, Pruned
+from dg_localization.solver.contract.fixed_point import MOST_IDLE_TESTS, Contractor, Pruned
 from dg_localization.solver.contract.triangles import smooth
 from dg_localization.solver.contract.widths import LEAST_GAIN
 from dg_localization.solver.place.hypotheses import place_problem
@@ -36,9 +36,6 @@ WELL_EXPLAINED = 0.01
 
 CLOSED_WIDTH = 1.05
 """A pair is finished below this ratio of its width to the width its linear program explains."""
-
-MOST_IDLE_FRAMES = 10
-"""Tightening ends after this many frames in a row without a gain of `LEAST_GAIN`."""
 
 
 class _Frames:
@@ -116,7 +113,7 @@ def tighten(
     frames = _Frames(pruned.box, pairs)
     n_idle = 0
     with until(stopped):
-        while n_idle < MOST_IDLE_FRAMES and not stopped():
+        while n_idle < MOST_IDLE_TESTS and not stopped():
             chosen = frames.next_frame()
             if chosen is None:
                 break
