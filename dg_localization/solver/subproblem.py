@@ -159,6 +159,9 @@ def pieces_of_problem(problem: Problem) -> Decomposition:
     return Decomposition(tuple(parts), tuple(joints))
 
 
+MOST_NUMBERS = 10**6
+"""Most entries of arrays that grow with a power of the points, for memory and time."""
+
 MOST_CONTRACTED = 40
 """Most points that are contracted together."""
 
@@ -169,3 +172,8 @@ takes seconds for more points."""
 MOST_WORK_TOGETHER = 100_000
 """Greatest product of choices and cubed points for which all points are contracted for each choice
 or the box of each choice is split once: halves of larger boxes are little narrower."""
+
+MOST_WORK = 900_000
+"""Greatest product of choices and cubed points for which each choice is contracted as a whole, or
+examined to count it. If there are more, time suffices for few choices, and chains bound the others
+better."""

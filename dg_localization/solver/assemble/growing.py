@@ -107,13 +107,8 @@ def best_seed(
 
 
 MOST_PARTIAL_BOXES = 32
-"""Growth ends when there are more partial boxes; the search continues from them."""
-
-MOST_REGIONS = 4
-"""A point with more possible regions is not placed yet."""
-
-LEAST_REGION = 0.01
-"""Least size of the boxes of a region, as a fraction of the longest distance."""
+"""Growth ends when there are more partial boxes, or when every further point has more regions; the
+search continues from there."""
 
 LOCAL_POINTS = 12
 """Axes project this many points, the best known ones from their ends."""
@@ -204,7 +199,7 @@ class Growth:
         best = min(within_reach, key=lambda point: (*partial.trials[point].rank(), point))
         if partial.trials[best].n_links < n_links[best]:
             partial.trials[best] = self._trial(partial, positions, best)
-        if len(partial.trials[best].regions) > MOST_REGIONS:
+        if len(partial.trials[best].regions) > MOST_PARTIAL_BOXES:
             return None
         return list(self._with_point(partial, best))
 
@@ -216,7 +211,7 @@ class Growth:
         enclosure = enclose_in_frame(partial.box, frame)[neighbors]
         lower = self._problem.lower[point, members[neighbors]]
         upper = self._problem.upper[point, members[neighbors]]
-        regions = regions_of_point(enclosure, lower, upper, LEAST_REGION)
+        regions = regions_of_point(enclosure, lower, upper, self._resolution_m)
         return _Trial(len(neighbors), frame, regions)
 
     def _with_point(self, partial: PartialBox, point: int) -> Iterator[PartialBox]:

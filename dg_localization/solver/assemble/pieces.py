@@ -45,6 +45,7 @@ from dg_localization.solver.search.search import accept_pending, search_in_one_b
 from dg_localization.solver.subproblem import (
     MOST_CONTRACTED,
     MOST_TOGETHER,
+    MOST_WORK,
     MOST_WORK_TOGETHER,
     Bounds,
     Ranges,
@@ -53,19 +54,11 @@ from dg_localization.solver.subproblem import (
     restricted_boxes,
 )
 
-MOST_UNREVIEWED = 30
-"""If distances are wide, contraction of a whole piece up to this size rules out as much as reviews
-of its patches, and sooner. Few choices of larger pieces are contracted."""
-
 PATCHES_SHARE = 0.5
 """Share of the time of a piece for its patches if it is contracted afterwards,"""
 
 PATCHES_SHARE_ALONE = 0.7
 """and their share if only a placement follows."""
-
-MOST_WORK = 900_000
-"""Greatest product of choices and cubed points for which each choice is contracted as a whole. If
-there are more, time suffices for few choices, and chains bound the others better."""
 
 LARGEST_ERROR = 0.1
 """One box is tried first if half of the distances with an upper bound, measured or known from
@@ -86,7 +79,8 @@ def solve_large(
     """Solve a large piece in patches; return None if its neighborhoods are not rigid."""
     is_whole = problem.n_points <= MOST_TOGETHER
     share_of_patches = (PATCHES_SHARE if is_whole else PATCHES_SHARE_ALONE) * share
-    is_reviewed = problem.n_points > MOST_UNREVIEWED or is_known_well(problem)
+    # If distances are wide, contraction of a small piece rules out as much as reviews, and sooner.
+    is_reviewed = problem.n_points > MOST_CONTRACTED or is_known_well(problem)
     solved = PatchSolver(problem, budget, share_of_patches, within, is_reviewed).run()
     if solved is None:
         return None

@@ -31,13 +31,11 @@ from dg_localization.solver.result import Hypothesis, JointKind
 from dg_localization.solver.search.budget import Budget
 from dg_localization.solver.subproblem import (
     MOST_CONTRACTED,
+    MOST_WORK,
     Bounds,
     as_box,
     parts_within,
 )
-
-MOST_LISTED = 6400
-"""Greatest product of choices and squared points for which choices are examined to count them."""
 
 STEPS_PER_HYPOTHESIS = 16
 """Choices, complete or partial, that are examined per hypothesis to list."""
@@ -119,7 +117,8 @@ class Product:
             return 0
         is_listed = self._is_crossed or not self.combinations.is_exact
         if is_listed and self.combinations.lists_all_sides:
-            listing = _Listing(self._options.max_hypotheses, max(1, MOST_LISTED // n_points**2))
+            most_steps = max(1, MOST_WORK // n_points**3)
+            listing = _Listing(self._options.max_hypotheses, most_steps)
             self._list(listing, budget)
             if listing.is_complete and not budget.is_over():
                 self._is_counted = True

@@ -30,13 +30,13 @@ from dg_localization.solver.place.proofs import pairs_lie_within, with_known_chi
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
 from dg_localization.solver.search.budget import Budget
-from dg_localization.solver.subproblem import MOST_DENSE, Bounds, parts_within
-
-MOST_NUMBERS = 10**6
-"""Greatest product of hypotheses and squared points for which a large piece is listed."""
-
-MOST_PIVOTS = 60
-"""Most points whose chains to all points lay out a placement."""
+from dg_localization.solver.subproblem import (
+    MOST_DENSE,
+    MOST_NUMBERS,
+    MOST_TOGETHER,
+    Bounds,
+    parts_within,
+)
 
 
 class ChainedHypothesis(LazyHypothesis):
@@ -180,7 +180,7 @@ class PatchAnswers:
         nothing: Placement = (None, False)
         if stopped():
             return None, nothing
-        pivots, lengths_m = self._chains.pivot_lengths_m(MOST_PIVOTS, stopped)
+        pivots, lengths_m = self._chains.pivot_lengths_m(MOST_TOGETHER, stopped)
         if not lengths_m.max() ** 2 < LARGEST_M2:
             return None, nothing
         start = scaled(lengths_m, pivots, self._problem.dimension)

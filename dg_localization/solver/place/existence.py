@@ -31,6 +31,7 @@ from dg_localization.interval.kernels import WORK_OF_A_STEP, WORK_PER_LOOK, look
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.place.proofs import agrees, lies_in
 from dg_localization.solver.problem import Problem, Side
+from dg_localization.solver.subproblem import MOST_NUMBERS
 
 NEARNESS = 1e-9
 """Greatest error of coordinates that represent a placement, as a multiple of the longest known
@@ -40,8 +41,6 @@ NARROW = 1e-10
 """A pair whose squared distance is known to this fraction counts as exact."""
 
 NEWTON_STEPS = 6
-MOST_EXACT = 1000
-"""With more exact pairs the proof takes too long."""
 
 
 def settled(
@@ -56,8 +55,10 @@ def settled(
         return positions, boxes is None or any(lies_in(box, positions) for box in boxes)
     known, exact = problem.pairs, _exact(problem)
     pairs = known.pairs[exact]
-    most = min(positions.size - positions.shape[1], MOST_EXACT)
-    if not (0 < len(pairs) <= most and np.isfinite(positions).all()):
+    is_solvable = 0 < len(pairs) <= positions.size - positions.shape[1]
+    # A proof inverts a matrix with a row and a column for each pair.
+    is_solvable &= len(pairs) ** 2 <= MOST_NUMBERS
+    if not (is_solvable and np.isfinite(positions).all()):
         return positions, False
     with np.errstate(all='ignore'):
         targets = 0.5 * (known.lower[exact] + known.upper[exact])
