@@ -15,36 +15,33 @@ ROWS = {'peer': [2, 0, 5], 'range': [1.5, np.nan, 2.5], 'x': [np.nan, 1.0, 0.0]}
 ROWS.update(y=ROWS['x'], z=ROWS['x'], reference=[5, 2, 0], range_difference=[-0.5, np.nan, 8.0])
 
 
-def cloud(formats, order='<', height=1, row_padding=0):
-    """Return a message with {column: numpy type} as a dictionary gives them, or a dtype."""
-    dtype = formats
+RANGES = {'peer': 'u4', 'range': 'f4'}
+
+
+def cloud(formats, order='<', **changes):
+    """Return a message of {column: numpy type}, or of a dtype, some of whose fields are others."""
     if isinstance(formats, dict):
-        dtype = np.dtype([(name, order + kind) for name, kind in formats.items()])
-    table = np.zeros(3, dtype)
-    for name in dtype.names:
-        is_real = dtype[name].kind == 'f'
+        formats = np.dtype([(name, order + kind) for name, kind in formats.items()])
+    table = np.zeros(3, formats)
+    for name in formats.names:
+        is_real = formats[name].kind == 'f'
         table[name] = ROWS.get(name, 0) if is_real else np.nan_to_num(ROWS.get(name, 0))
-    width = len(table) // height
-    rows = [table[row * width : (row + 1) * width].tobytes() for row in range(height)]
-    fields = [
-        SimpleNamespace(
-            name=name,
-            offset=offset,
-            datatype=DATATYPES.get(kind.str[1:], 0),
-            count=1,
-        )
-        for name, (kind, offset, *_) in dtype.fields.items()
-    ]
-    return SimpleNamespace(
-        header=SimpleNamespace(stamp=SimpleNamespace(sec=7, nanosec=0), frame_id='r'),
-        height=height,
-        width=width,
-        fields=fields,
+    stamp = SimpleNamespace(sec=7, nanosec=0)
+    message = SimpleNamespace(
+        header=SimpleNamespace(stamp=stamp, frame_id='r'),
+        height=1,
+        width=3,
+        fields=[
+            SimpleNamespace(name=name, offset=at, datatype=DATATYPES.get(kind.str[1:], 0), count=1)
+            for name, (kind, at, *_) in formats.fields.items()
+        ],
         is_bigendian=order == '>',
-        point_step=dtype.itemsize,
-        row_step=len(rows[0]) + row_padding,
-        data=b''.join(row + bytes(row_padding) for row in rows),
+        point_step=formats.itemsize,
+        row_step=table.nbytes,
+        data=table.tobytes(),
     )
+    vars(message).update(changes)
+    return message
 
 
 def assert_rows(reading, ranges=True, rays=True):
@@ -77,7 +74,7 @@ def test_fields_may_be_in_any_order_with_gaps_and_others_between():
 
 
 def test_ranges_alone_and_rays_alone_are_enough():
-    assert_rows(peers_from_message(cloud({'peer': 'u4', 'range': 'f4'})), rays=False)
+    assert_rows(peers_from_message(cloud(RANGES)), rays=False)
     rays = {'peer': 'u4', 'x': 'f4', 'y': 'f4', 'z': 'f4'}
     assert_rows(peers_from_message(cloud(rays)), ranges=False)
 
@@ -89,24 +86,21 @@ def test_range_differences_alone_are_enough(others):
     assert_rows(reading, ranges=bool(others), rays=False)
     assert reading.references.tolist() == ROWS['reference']
     np.testing.assert_array_equal(reading.differences_m, ROWS['range_difference'])
-    reading = peers_from_message(cloud({'peer': 'u4', 'range': 'f4'}))
+    reading = peers_from_message(cloud(RANGES))
     assert reading.references is None and reading.differences_m is None
 
 
 def test_organized_cloud_with_padded_rows_is_read_row_by_row():
-    message = cloud({'peer': 'u4', 'range': 'f4'}, height=3, row_padding=5)
+    data = cloud(RANGES).data
+    padded = b''.join(data[begin : begin + 8] + bytes(5) for begin in (0, 8, 16))
+    message = cloud(RANGES, height=3, width=1, row_step=13, data=padded)
     assert_rows(peers_from_message(message), rays=False)
 
 
 def test_a_cloud_without_peers_is_no_fault():
-    message = cloud({'peer': 'u4', 'range': 'f4'})
-    message.width, message.row_step, message.data = 0, 0, b''
-    reading = peers_from_message(message)
+    reading = peers_from_message(cloud(RANGES, width=0, row_step=0, data=b''))
     assert reading.peers.shape == (0,) and reading.ranges_m.shape == (0,)
     assert reading.rays_xyz.shape == (0, 3)
-
-
-RANGES = {'peer': 'u4', 'range': 'f4'}
 
 
 @pytest.mark.parametrize(
@@ -127,14 +121,12 @@ RANGES = {'peer': 'u4', 'range': 'f4'}
     ],
 )
 def test_cloud_that_does_not_hold_what_it_says_is_refused(formats, changes, wanted):
-    message = cloud(formats)
-    vars(message).update(changes)
     with pytest.raises(ValueError, match=wanted):
-        peers_from_message(message)
+        peers_from_message(cloud(formats, **changes))
 
 
 def test_field_of_several_numbers_or_named_twice_is_refused():
-    message = cloud({'peer': 'u4', 'range': 'f4'})
+    message = cloud(RANGES)
     message.fields[1].count = 2
     with pytest.raises(ValueError, match="field 'range' has datatype 7 and count 2"):
         peers_from_message(message)

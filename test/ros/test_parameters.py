@@ -18,8 +18,6 @@ import re
 
 from hostile_messages import FLOATS
 import pytest
-import rclpy
-from rclpy.context import Context
 from rclpy.node import Node
 import yaml
 
@@ -423,20 +421,14 @@ YAMLS = ('null', '~', '[]', '{}', "''", 'yes', '-1', '1e400', '.nan', '[1, a]', 
 
 
 @pytest.mark.parametrize('text', YAMLS)
-def test_any_text_in_a_file_is_taken_or_refused_by_name(text, tmp_path):
-    context = Context()
-    rclpy.init(context=context)
-    try:
-        for name in Random(text).sample(ANY_NAMES, 15):
-            path = tmp_path / 'parameters.yaml'
-            given = {**USUAL, name: text}
-            lines = [f'    {key}: {value}' for key, value in given.items()]
-            path.write_text('\n'.join(['/**:', '  ros__parameters:', *lines]))
-            refused = declared(context, path)
-            by_rcl = 'parse params file' in refused and 'line' in refused
-            assert not refused or by_rcl or names_something(refused, [name]), refused
-    finally:
-        rclpy.shutdown(context=context)
+def test_any_text_in_a_file_is_taken_or_refused_by_name(node, text, tmp_path):
+    for name in Random(text).sample(ANY_NAMES, 15):
+        path = tmp_path / 'parameters.yaml'
+        lines = [f'    {key}: {value}' for key, value in {**USUAL, name: text}.items()]
+        path.write_text('\n'.join(['/**:', '  ros__parameters:', *lines]))
+        refused = declared(node.context, path)
+        by_rcl = 'parse params file' in refused and 'line' in refused
+        assert not refused or by_rcl or names_something(refused, [name]), refused
 
 
 def declared(context, path):
