@@ -6,10 +6,11 @@
 import math
 import signal
 
-from estimates import assert_holds, half_widths_of, pose_from_message
+from estimates import half_widths_of, pose_from_message
 import numpy as np
 import pytest
 
+from dg_localization.fleet.rotations import yaw_of
 from msg_adapters import Level, adapter_for
 
 CONFIG = 'config/paper_fleet.yaml'
@@ -94,11 +95,14 @@ def test_cameras_leave_the_true_placement_only(fresh, paper_fleet):
     fresh.until(
         lambda: all(any(map(narrow, heard)) for heard in poses()), 'a narrow pose of every robot'
     )
-    positions, yaws = paper_fleet.in_frame_of(REFERENCE)
-    for row, heard in enumerate(poses()):
+    places_m, yaws_rad = paper_fleet.in_frame_of(REFERENCE)
+    for place_m, yaw_rad, heard in zip(places_m, yaws_rad, poses(), strict=True):
         for pose in heard:
-            assert_holds(pose, positions[row], yaws[row])
-            assert half_widths_of(pose)[2:5] == pytest.approx(1e-3)
+            half_widths = half_widths_of(pose)
+            assert (np.abs(pose.position_xyz[:2] - place_m) <= half_widths[:2] + 1e-9).all()
+            turn_rad = math.remainder(yaw_of(pose.orientation_xyzw) - yaw_rad, math.tau)
+            assert abs(turn_rad) <= half_widths[5] + 1e-9
+            assert half_widths[2:5] == pytest.approx(1e-3)
     assert fresh.until_status('robot robot_4', Level.OK, 'localized')
 
 
