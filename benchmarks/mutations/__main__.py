@@ -27,7 +27,7 @@ from benchmarks.report import machine, table
 
 REPOSITORY = Path(__file__).parents[2]
 PACKAGES = ('dg_localization', 'msg_adapters')
-COPIED = (*PACKAGES, 'benchmarks', 'test', 'config', 'docs', 'pyproject.toml')
+COPIED = (*PACKAGES, 'benchmarks', 'test', 'config', 'docs', 'README.md', 'pyproject.toml')
 SHORT = {'DG_PROPERTY_PAIRS': '100', 'DG_PROPERTY_FLEETS': '8', 'DG_PROPERTY_PROBLEMS': '200'}
 """Fewer random cases: a break that needs thousands to show has not been caught."""
 

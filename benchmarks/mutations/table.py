@@ -770,7 +770,7 @@ FLEET = [
     *_in(
         'ros',
         'interface/links',
-        ('test/ros/test_parameters.py',),
+        ('test/ros/test_parameters.py::test_links_have_bounds_and_stamps_of_their_own',),
         (
             'the ranges of peers have the bounds of all',
             'if name in self.overrides:',
