@@ -104,7 +104,9 @@ class Terms(NamedTuple):
 
     def variant(self, number: int) -> Terms:
         """Return the terms of one variant."""
-        return self._replace(arms_m=self.arms_m[number], values=self.values[number])
+        # A kernel is compiled anew for arrays of another layout.
+        arms_m, values = map(np.ascontiguousarray, (self.arms_m[number], self.values[number]))
+        return self._replace(arms_m=arms_m, values=values)
 
     def common_errors(self, residuals: FloatArray) -> FloatArray:
         """
