@@ -69,7 +69,7 @@ INTERVAL = [
     *_in(
         'interval',
         'scalars',
-        ('test/interval/test_scalars.py',),
+        ('test/interval/test_rounding.py',),
         (
             'the square forgets that zero lies within',
             'smallest = max(0.0, low, -high)',
@@ -329,7 +329,7 @@ CONTRACT = [
 BOX = ('test/solver/test_box.py',)
 SEARCH = (
     'test/solver/test_result.py::test_what_stops_a_search_leaves_a_complete_cover',
-    'test/solver/test_without_numba.py::test_looks_within_one_box',
+    'test/solver/test_extreme_sizes.py::test_looks_within_one_box',
 )
 
 SEARCHING = [
@@ -494,7 +494,7 @@ SEARCHING = [
     ),
 ]
 
-MODELS = ('test/fleet/test_error_models.py',)
+MODELS = ('test/fleet/test_fleet_config.py',)
 MOMENTS = ('test/fleet/test_histories.py::test_no_truth_of_a_moment_is_lost',)
 
 FLEET = [
@@ -546,7 +546,11 @@ FLEET = [
     *_in(
         'fleet',
         'localizer',
-        ('test/fleet/test_overtaken.py',),
+        (
+            'test/fleet/test_histories.py::test_an_estimate_that_was_overtaken_changes_nothing',
+            'test/fleet/test_histories.py'
+            '::test_the_estimate_of_a_snapshot_from_before_a_reset_changes_nothing',
+        ),
         (
             'an estimate that was overtaken changes what later ones know',
             'if self._newest is follower:',
@@ -616,7 +620,7 @@ FLEET = [
     *_in(
         'fleet',
         'error_models',
-        ('test/fleet/test_error_models.py',),
+        ('test/fleet/test_fleet_config.py',),
         (
             'the projection of a steep ray errs no more than the ray',
             'quotient_up(angle_up(math.sin(half_width_rad)), horizontal)',
@@ -626,7 +630,7 @@ FLEET = [
     *_in(
         'fleet',
         'window/carry',
-        ('test/fleet/test_mounted_memory.py',),
+        ('test/fleet/test_mounts.py',),
         (
             'what sensors measure is trusted although readings may be wrong',
             'return WORLD if robot == point else None\n',
@@ -1060,7 +1064,7 @@ FLEET = [
     *_in(
         'fleet/window',
         'carry',
-        ('test/fleet/test_mounted_memory.py',),
+        ('test/fleet/test_mounts.py',),
         (
             'remembered sensors are at the center of their robots',
             'return poses.points_now(arms_m)',
@@ -1080,7 +1084,7 @@ FLEET = [
     *_in(
         'fleet',
         'config',
-        ('test/fleet/test_stamp_error.py',),
+        ('test/fleet/test_broken_settings.py',),
         (
             'stamps of odometry are right',
             'replace(error, latency_s=latency_s) if self.stamp_error_s else error',
@@ -1105,7 +1109,7 @@ FLEET = [
     *_in(
         'fleet',
         'constraints/rays',
-        ('test/fleet/test_stamp_error.py',),
+        ('test/fleet/test_broken_settings.py',),
         (
             'equal stamps of a robot and of an answer are one time',
             'replace(ray, half_width_rad=sum_up(ray.half_width_rad, error_rad))',
@@ -1149,7 +1153,7 @@ FLEET = [
     *_in(
         'fleet',
         'motion',
-        ('test/fleet/test_stamp_error.py',),
+        ('test/fleet/test_broken_settings.py',),
         (
             'stamps of readings are right',
             'sum_up(elapsed_s, more_s) if more_s else elapsed_s',
@@ -1180,7 +1184,7 @@ FLEET = [
         'fleet/window',
         'recollection',
         (
-            'test/fleet/test_memory_ends.py',
+            'test/fleet/test_earlier_sets.py',
             'test/fleet/test_window.py::test_one_listed_placement_is_the_one_that_is_left',
         ),
         (
@@ -1197,7 +1201,7 @@ FLEET = [
     *_in(
         'fleet',
         'estimation',
-        ('test/fleet/test_memory_ends.py',),
+        ('test/fleet/test_earlier_sets.py',),
         (
             'a memory that contradicts itself contradicts the moment',
             'if found.verdict is Verdict.INFEASIBLE and recalled.pose_sets.sets:',

@@ -1,15 +1,14 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Fixed frames, mirror images, headings, and what is not connected, where the answer is known."""
+"""Fixed frames, mirror images, headings, sides of anchors in line, and what is not connected."""
 
 import math
 
 import numpy as np
 import pytest
-import sensing
-from sensing import new_localizer
-from shapes import in_space, missing, turn
+from sensing import add_ranges, anchors_at, new_localizer
+from shapes import holds, in_space, missing, turn
 
 from dg_localization import Verdict
 from dg_localization.fleet import RangeErrorModel
@@ -33,11 +32,11 @@ def make_localizer(robots, **settings):
     return new_localizer(**{**defaults, **settings})
 
 
-def add_ranges(localizer, places, pairs=None):
+def range_pairs(localizer, places, pairs=None):
     names = list(places)
     pairs = pairs or [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
     for first, second in pairs:
-        sensing.add_ranges(localizer, first, places[first], {second: places[second]}, NOW_S)
+        add_ranges(localizer, first, places[first], {second: places[second]}, NOW_S)
 
 
 def add_bearings(localizer, places, observer, targets, yaw=0.0):
@@ -58,7 +57,7 @@ def assert_holds(placement, positions):
 
 def test_without_bearings_both_mirror_images_are_there():
     localizer = make_localizer(SQUARE)
-    add_ranges(localizer, SQUARE)
+    range_pairs(localizer, SQUARE)
     estimate = localizer.step(NOW_S)
     assert estimate.verdict is Verdict.COVERED
     assert str(estimate.frame) == 'origin at a, x towards b'
@@ -74,7 +73,7 @@ def test_without_bearings_both_mirror_images_are_there():
 
 def test_one_robot_that_sees_two_rules_the_mirror_image_out():
     localizer = make_localizer(SQUARE)
-    add_ranges(localizer, SQUARE)
+    range_pairs(localizer, SQUARE)
     add_bearings(localizer, SQUARE, 'c', ['a', 'b'], yaw=0.4)
     estimate = localizer.step(NOW_S)
     (placement,) = estimate.placements
@@ -88,7 +87,7 @@ def test_one_robot_that_sees_two_rules_the_mirror_image_out():
 @pytest.mark.parametrize('yaw', [0.0, 0.7, -2.5, math.pi])
 def test_the_heading_of_the_reference_robot_is_the_x_axis(yaw):
     localizer = make_localizer(SQUARE)
-    add_ranges(localizer, SQUARE)
+    range_pairs(localizer, SQUARE)
     add_bearings(localizer, SQUARE, 'a', ['b', 'c', 'd'], yaw + 0.0099)  # within what rays may err
     estimate = localizer.step(NOW_S)
     (placement,) = estimate.placements
@@ -101,7 +100,7 @@ def test_the_heading_of_the_reference_robot_is_the_x_axis(yaw):
 
 def test_a_fleet_away_from_the_anchors_has_no_place():
     localizer = make_localizer(SQUARE, anchors={'p': (10.0, 10.0), 'q': (-5.0, 9.0)})
-    add_ranges(localizer, SQUARE)
+    range_pairs(localizer, SQUARE)
     estimate = localizer.step(NOW_S)
     assert estimate.placements == ()
     assert estimate.verdict is None
@@ -114,7 +113,7 @@ def test_a_fleet_away_from_the_anchors_has_no_place():
 
 def test_the_next_robot_stands_in_for_a_silent_reference_robot():
     localizer = make_localizer(['b', 'c', 'lost', 'a', 'd'], reference_robot='lost')
-    add_ranges(localizer, SQUARE)
+    range_pairs(localizer, SQUARE)
     estimate = localizer.step(NOW_S)
     assert estimate.frame.points == ('a', 'd')
     assert 'reference robot lost is not connected: the frame is that of a' in estimate.reason
@@ -126,7 +125,7 @@ def test_the_next_robot_stands_in_for_a_silent_reference_robot():
 
 def test_a_change_of_the_frame_is_announced_once():
     localizer = make_localizer(SQUARE)
-    add_ranges(localizer, SQUARE)
+    range_pairs(localizer, SQUARE)
     first = localizer.step(NOW_S)
     assert first.previous_frame is None and first.frame_change == ''
     add_bearings(localizer, SQUARE, 'a', ['b', 'c'])
@@ -139,15 +138,15 @@ def test_a_change_of_the_frame_is_announced_once():
     # What is published afterwards must not turn silently either.
     localizer.reset()
     assert localizer.step(NOW_S).frame_change == ''
-    add_ranges(localizer, SQUARE)
+    range_pairs(localizer, SQUARE)
     assert localizer.step(NOW_S).previous_frame == second.frame
 
 
 def test_two_groups_have_a_frame_each():
     far = {'e': (50.0, 50.0), 'f': (53.0, 50.0), 'g': (50.0, 54.0)}
     localizer = make_localizer([*SQUARE, *far, 'lost'])
-    add_ranges(localizer, SQUARE)
-    add_ranges(localizer, far)
+    range_pairs(localizer, SQUARE)
+    range_pairs(localizer, far)
     add_bearings(localizer, far, 'e', ['f', 'g'])
     estimate = localizer.step(NOW_S)
     assert str(estimate.frame) == 'origin at a, x towards b'
@@ -171,11 +170,11 @@ def test_what_a_limit_left_open_among_the_others_is_open_in_the_fleet(beacons):
         range_error=(-0.05, 0.05, -0.03, 0.03),
         solver={'resolution': 0.01, 'max_boxes': 3},
     )
-    add_ranges(localizer, {'first': (50.0, 0.0), 'second': (53.0, 0.0)})
+    range_pairs(localizer, {'first': (50.0, 0.0), 'second': (53.0, 0.0)})
     estimate = localizer.step(NOW_S)
     assert estimate.verdict is (None if beacons else Verdict.COVERED)
     assert 'its budget' not in estimate.reason
-    add_ranges(localizer, others, [(ROBOTS[i], ROBOTS[j]) for i, j in EDGES])
+    range_pairs(localizer, others, [(ROBOTS[i], ROBOTS[j]) for i, j in EDGES])
     estimate = localizer.step(NOW_S)
     assert len(estimate.groups[-1].robots) == 6
     assert estimate.verdict is (None if beacons else Verdict.OUT_OF_BUDGET)
@@ -185,8 +184,8 @@ def test_what_a_limit_left_open_among_the_others_is_open_in_the_fleet(beacons):
 def test_headings_that_contradict_rays_are_found_in_every_group():
     far = {'e': (50.0, 50.0), 'f': (53.0, 50.0), 'g': (50.0, 54.0)}
     localizer = make_localizer([*SQUARE, *far])
-    add_ranges(localizer, SQUARE)
-    add_ranges(localizer, far)
+    range_pairs(localizer, SQUARE)
+    range_pairs(localizer, far)
     add_bearings(localizer, far, 'e', ['f'])
     localizer.add_bearing('e', 'g', (1.0, 0.0, 0.0), NOW_S, NOW_S)
     assert localizer.step(NOW_S).verdict is Verdict.INFEASIBLE
@@ -203,7 +202,7 @@ CUBE = {
 
 def test_in_space_two_rays_fix_a_heading_and_three_the_chirality():
     localizer = make_localizer(CUBE, dimension=3)
-    add_ranges(localizer, CUBE)
+    range_pairs(localizer, CUBE)
     add_bearings(localizer, CUBE, 'b', ['a', 'c'])
     add_bearings(localizer, CUBE, 'a', ['b', 'c'])
     estimate = localizer.step(NOW_S)
@@ -216,3 +215,115 @@ def test_in_space_two_rays_fix_a_heading_and_three_the_chirality():
     add_bearings(localizer, CUBE, 'd', ['a', 'b', 'c'])
     (placement,) = localizer.step(NOW_S).placements
     assert_holds(placement, rows(CUBE))
+
+
+def answer(anchors, places, peers=(), seen=(), bound_m=0.0, **settings):
+    """Return the answer to ranges of robots to anchors, all or those seen, and to some peers."""
+    rng = np.random.default_rng(5)
+    localizer = new_localizer(
+        places,
+        anchors=anchors_at(anchors, bound_m),
+        range_error=(-0.05, 0.05, 0.0, 0.0),
+        memory_s=0.0,
+        max_speed_m_s=0.0,
+        **settings,
+    )
+    points = {**anchors, **places}
+    links = [(robot, anchor) for robot in places for anchor in seen or anchors]
+    for observer, target in (*links, *peers):
+        aim = {target: points[target]}
+        add_ranges(localizer, observer, points[observer], aim, 100.0, rng.uniform(-0.04, 0.04))
+    return localizer.step(100.0)
+
+
+def nearest_deviations(estimate, places):
+    """Return how many deviations the best of the points is off on its worst axis."""
+    truth_m = np.array(list(places.values()))
+    found = []
+    for one in estimate.placements:
+        sigma_m = np.sqrt([np.diag(c)[: truth_m.shape[1]] for c in one.covariances])
+        found.append(np.max(np.abs(one.positions_m - truth_m) / sigma_m))
+    return min(found)
+
+
+def n_holding(estimate, places):
+    """Return how many placements have all robots in their enclosures."""
+    return sum(not missing(one, [*places.values()]) for one in estimate.placements)
+
+
+@pytest.mark.parametrize('bump_m', [1e-6, 1e-3, 0.03])
+@pytest.mark.parametrize('y_m', [-3.0, 1.5])
+def test_each_side_of_a_wall_is_a_hypothesis(bump_m, y_m):
+    """Three anchors of which one is a little out of line leave both sides open."""
+    anchors = {'w0': (0.0, 0.0), 'w1': (5.0, bump_m), 'w2': (9.0, 0.0)}
+    places = {'r': (3.0, y_m)}
+    estimate = answer(anchors, places)
+    assert estimate.n_hypotheses == len(estimate.placements) == 2
+    assert n_holding(estimate, places) == 1
+    assert nearest_deviations(estimate, places) < 4.0
+    sides = {np.sign(one.positions_m[0, 1]) for one in estimate.placements}
+    assert sides == {-1.0, 1.0}
+    assert all(
+        one.enclosure_m[0, 0, 1] * one.enclosure_m[0, 1, 1] > 0 for one in estimate.placements
+    )
+
+
+def test_ranges_between_robots_leave_the_sides_that_agree():
+    """Of four combinations of sides, two have the robots as far apart as they measured."""
+    anchors = {'w0': (0.0, 0.0), 'w1': (5.0, 0.002), 'w2': (9.0, 0.0)}
+    places = {'r': (3.0, 2.0), 's': (5.0, 3.0)}
+    assert answer(anchors, places).n_hypotheses == 4
+    estimate = answer(anchors, places, peers=[('r', 's')])
+    assert estimate.n_hypotheses == len(estimate.placements) == 2
+    assert n_holding(estimate, places) == 1
+
+
+@pytest.mark.parametrize('bump_m', [1e-6, 0.01])
+def test_each_side_of_a_ceiling_is_a_hypothesis(bump_m):
+    """Four anchors nearly in a plane leave the places above and below it open."""
+    anchors = {'c0': (0, 0, 3), 'c1': (8, 0, 3 + bump_m), 'c2': (8, 6, 3), 'c3': (0, 6, 3)}
+    places = {'r': (3.0, 2.0, 1.0)}
+    estimate = answer(anchors, places, dimension=3)
+    assert estimate.n_hypotheses == len(estimate.placements) == 2
+    assert n_holding(estimate, places) == 1
+    assert nearest_deviations(estimate, places) < 4.0
+
+
+def test_one_place_is_one_hypothesis():
+    """Where the robot is near the line, or the anchors are far from one, the places touch."""
+    wall = {'w0': (0.0, 0.0), 'w1': (5.0, 1e-3), 'w2': (9.0, 0.0)}
+    assert answer(wall, {'r': (3.0, 0.1)}).n_hypotheses == 1
+    hall = {'a': (0.0, 0.0), 'b': (9.0, 0.0), 'c': (0.0, 7.0)}
+    assert answer(hall, {'r': (3.0, 2.0), 's': (6.0, 5.0)}).n_hypotheses == 1
+
+
+@pytest.mark.parametrize('dimension', [2, 3])
+def test_the_one_anchor_off_the_line_is_found_among_many(dimension):
+    """In space one is off in each direction. Anchors that may be anywhere near tell no side."""
+    anchors = {f'w{k}': (0.5 * k, 0.3 * (k == 21), 0.3 * (k == 22)) for k in range(28)}
+    anchors = {name: place[:dimension] for name, place in anchors.items()}
+    places = {'r': (10.0, -4.0, -3.0)[:dimension]}
+    for bound_m in (0.0, 0.01):
+        estimate = answer(anchors, places, bound_m=bound_m, dimension=dimension)
+        assert estimate.n_hypotheses == n_holding(estimate, places) == 1
+    assert answer(anchors, places, bound_m=0.4, dimension=dimension).n_hypotheses == 2
+
+
+TRUTH = {'r0': (3.0, 2.0), 'r1': (6.5, 5.0)}
+MAP = {f'a{k}': (1.7 * (k % 4), 2.9 * (k // 4) + 0.3 * (k % 3)) for k in range(12)}
+SEEN = ('a1', 'a6', 'a9')
+
+
+@pytest.mark.parametrize('bound_m', [0.0, 0.02])
+def test_idle_anchors_change_no_answer_and_keep_their_places(bound_m):
+    estimate = answer(MAP, TRUTH, seen=SEEN, bound_m=bound_m)
+    alone = answer({name: MAP[name] for name in SEEN}, TRUTH, bound_m=bound_m)
+    assert estimate.verdict is alone.verdict is Verdict.COVERED
+    (placement,), (other,) = estimate.placements, alone.placements
+    assert placement.enclosure_m == pytest.approx(other.enclosure_m, abs=1e-9)
+    assert placement.proved and other.proved
+    assert holds(estimate, [*TRUTH.values()])
+    landmarks = np.array([MAP[name] for name in estimate.landmarks])
+    assert placement.landmarks_m == pytest.approx(landmarks, abs=bound_m + 1e-9)
+    off = np.abs(placement.landmark_enclosure_m - landmarks[:, None])
+    assert np.all(off <= bound_m + 1e-9)

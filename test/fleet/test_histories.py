@@ -1,10 +1,14 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Over complete histories the truth is never lost while every measurement obeys its bound."""
+"""Over histories no truth is lost while bounds hold, nor by estimates that hang or fail."""
 
-from itertools import product
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from itertools import combinations, product
+import math
 import os
+from threading import Event
 
 from habits import draw_habits, has_resets
 from histories import (
@@ -21,7 +25,11 @@ import numpy as np
 import pytest
 
 from dg_localization import Verdict
-from dg_localization.fleet import OdometryErrorModel, RangeErrorModel
+from dg_localization.calibration.truth import FleetTruth, TrueTrack
+from dg_localization.fleet import FrameKind, OdometryErrorModel, RangeErrorModel
+import dg_localization.fleet.localizer as localizer_room
+from dg_localization.fleet.rotations import quaternion_of
+from dg_localization.fleet.window.forgetting import Forgotten
 
 STEPS = int(os.environ.get('DG_HISTORY_STEPS', '240'))
 """Estimates of each test, one a second; `python test/fleet/histories.py` plays many more."""
@@ -147,3 +155,143 @@ def test_wrong_readings_lose_nothing_where_they_are_tolerated():
 def test_a_body_that_stands_on_end_has_no_heading():
     """Near a pitch of 90 degrees roll and yaw are not told apart, and nothing is claimed."""
     fly(2, robots=1, steepest_rad=1.57)
+
+
+WHOLE_S = np.arange(1.0, 6.0, 1.0)
+
+
+def dense_track(history, robot):
+    """Return the true track of a robot, with a sample at every time that is asked for."""
+    times_s = np.union1d(np.arange(0.0, 6.5, 0.1), WHOLE_S)
+    places, turns = zip(*[history.drives[robot].pose(time_s) for time_s in times_s], strict=True)
+    if history.config.dimension == 2:
+        places = np.array(places) + [0.0, 0.0, 7.0]
+    # The stamps are large in some histories, and are kept as the odometry has them.
+    stamps_s = history.start_s + times_s
+    return TrueTrack(stamps_s, places, [quaternion_of(turn) for turn in turns])
+
+
+@pytest.mark.parametrize('dimension', [2, 3])
+def test_the_truth_is_put_in_every_kind_of_frame(dimension):
+    seen = set()
+    for seed in range(16):
+        history = History.draw(
+            seed, 3, (0, 0, 3)[seed % 3], 6.0, dimension=dimension, cameras=seed % 2 == 0
+        )
+        if history.config.stamp_error_s > 0.0:
+            continue
+        fleet, localizer = history.config, localizer_of(history)
+        if seed % 4 == 0:
+            localizer.add_odometry = lambda *_: None
+        tracks = {name: dense_track(history, row) for row, name in enumerate(fleet.robots)}
+        for name, anchor in fleet.anchors.items():
+            tracks[name] = TrueTrack.at_rest(anchor.coordinates_m)
+        for time_s, estimate in history.play(localizer, WHOLE_S):
+            snapshot = localizer.snapshot(history.start_s + time_s)
+            answers = [estimate, *estimate.groups] if estimate.frame else estimate.groups
+            for answer in answers:
+                if answer.frame.kind == 'robots' and len(answer.frame.points) < dimension:
+                    continue  # other axes are any
+                wanted_m, turns, _ = history.truth(time_s, answer.frame)
+                found = FleetTruth(fleet, tracks).beside(answer.frame, snapshot)
+                # Samples of a time of 1.7e9 s are as far apart as its rounding.
+                close = {'rtol': 0.0, 'atol': 1e-5}
+                np.testing.assert_allclose(found.positions_m, wanted_m, **close)
+                np.testing.assert_allclose(found.rotations, turns, **close)
+                if answer.placements:
+                    missed = [found.outside(one).any() for one in answer.placements]
+                    assert not all(missed)
+                seen.add(answer.frame.kind)
+    assert seen >= set(FrameKind) - ({FrameKind.HEADING} if dimension == 3 else set())
+
+
+TICKS_S = np.arange(1.0, 6.0, 0.5)
+ALL_ENDS = frozenset(combinations(('r0', 'r1', 'a0', 'a1', 'a2'), 2))
+real = localizer_room.estimate_snapshot
+
+
+def known_of(estimate):
+    """Return what two localizers that know the same agree on."""
+    numbers = [placement.number for placement in estimate.placements]
+    enclosures = [placement.enclosure_m.tolist() for placement in estimate.placements]
+    return numbers, enclosures, estimate.reason, estimate.forgotten, estimate.previous_frame
+
+
+def forgetting(*arguments):
+    """Estimate, and find that nothing may be remembered."""
+    estimate, proved = real(*arguments)
+    forgotten = Forgotten(ALL_ENDS, math.inf, 'a test', now_too=True)
+    return replace(estimate, forgotten=(forgotten,)), proved
+
+
+def failing(snapshot, *others):
+    """Estimate, lose what earlier sets know, and fail then."""
+    real(snapshot, *others)
+    others[-1].forget(snapshot.config, [Forgotten(ALL_ENDS, math.inf, 'a test')])
+    raise RuntimeError('a defect')
+
+
+def sets_of(localizer):
+    return dict(localizer._follower.earlier._sets)
+
+
+def estimate_by(localizer, snapshot, monkeypatch, how):
+    with monkeypatch.context() as patched:
+        patched.setattr(localizer_room, 'estimate_snapshot', how)
+        return localizer.estimate(snapshot)
+
+
+@pytest.fixture(params=[0, 3])
+def history(request):
+    """Two robots with and without anchors, whose pose sets are carried on."""
+    return History.draw([1, 5], 2, request.param, 6.0, memory_s=30.0)
+
+
+def test_an_estimate_that_was_overtaken_changes_nothing(history, monkeypatch):
+    hangs, goes_on = Event(), Event()
+
+    def hanging(*arguments):
+        hangs.set()
+        assert goes_on.wait(60.0)
+        return forgetting(*arguments)
+
+    localizer, undisturbed = localizer_of(history), localizer_of(history)
+    wanted = [known_of(estimate) for _, estimate in history.play(undisturbed, TICKS_S)]
+    found = []
+    with ThreadPoolExecutor(1) as pool:
+        for time_s, estimate in history.play(localizer, TICKS_S):
+            found.append(known_of(estimate))
+            if time_s == 2.0:
+                snapshot = localizer.snapshot(history.start_s + time_s)
+                with monkeypatch.context() as patched:
+                    patched.setattr(localizer_room, 'estimate_snapshot', hanging)
+                    overtaken = pool.submit(localizer.estimate, snapshot)
+                    assert hangs.wait(60.0)
+            if time_s == 3.0:
+                goes_on.set()
+                assert overtaken.result().forgotten
+    assert found == wanted
+
+
+def test_an_estimate_that_fails_changes_nothing(history, monkeypatch):
+    localizer = localizer_of(history)
+    for time_s, _ in history.play(localizer, TICKS_S):
+        known = sets_of(localizer)
+        with pytest.raises(RuntimeError, match='a defect'):
+            snapshot = localizer.snapshot(history.start_s + time_s)
+            estimate_by(localizer, snapshot, monkeypatch, failing)
+        assert sets_of(localizer) == known
+    assert any(known)
+
+
+def test_the_estimate_of_a_snapshot_from_before_a_reset_changes_nothing(history, monkeypatch):
+    localizer, undisturbed = localizer_of(history), localizer_of(history)
+    for time_s, _ in history.play(localizer, TICKS_S):
+        snapshot = localizer.snapshot(history.start_s + time_s)
+    localizer.reset()
+    assert estimate_by(localizer, snapshot, monkeypatch, forgetting).forgotten
+    # The clock was set back: it all happens once more.
+    anew = zip(history.play(localizer, TICKS_S), history.play(undisturbed, TICKS_S), strict=True)
+    for (_, found), (_, wanted) in anew:
+        # Numbers are not used again.
+        assert known_of(found)[1:4] == known_of(wanted)[1:4]
