@@ -11,16 +11,14 @@ from circling import START_S, Circling
 import numpy as np
 import pytest
 from sensing import anchors_at, new_localizer
-from shapes import check_form
 
 from dg_localization import SolverOptions, Verdict
 from dg_localization.fleet.constraints.constrain import constrain
-from dg_localization.fleet.estimation import estimate_snapshot
 from dg_localization.fleet.frames.finders import fit_with_past
 from dg_localization.fleet.frames.plan import plan_frames
 from dg_localization.fleet.rotations import yaw_of
 from dg_localization.fleet.window.forgetting import CONFIRMING, Doubts
-from dg_localization.fleet.window.memory import NO_WINDOW, WORLD
+from dg_localization.fleet.window.memory import WORLD
 
 NOISE = 0.02
 TWO = anchors_at({'a': (-4.0, -3.0), 'b': (5.0, -3.0)})
@@ -53,29 +51,6 @@ def test_what_robots_remember_of_each_other_connects_them(measured):
         assert fleet.holding(estimate)
         assert all(np.isfinite(p.enclosure_m).all() for p in estimate.placements)
     assert estimate.n_hypotheses == 1
-
-
-@pytest.mark.parametrize('anchors', [{}, TWO])
-def test_the_best_point_of_robots_without_cameras_is_that_of_the_window(anchors):
-    fleet = Circling(3, noise=NOISE, anchors=anchors)
-    off_m, off_of_the_moment_m, off_rad = [], [], []
-    for estimate in fleet.drive(15.0):
-        if estimate.n_hypotheses > 1 or not estimate.placements[0].heading_known.all():
-            continue
-        (placement,) = estimate.placements
-        assert fleet.holding(estimate)
-        check_form(placement)
-        places, yaws = fleet.truth(estimate)
-        off_m.append(np.linalg.norm(placement.positions_m - places, axis=1).max())
-        off_rad += list(2.0 * np.arcsin(np.abs(np.sin(0.5 * (placement.fitted_yaws_rad - yaws)))))
-        forgetful = replace(fleet.localizer.snapshot(fleet.now_s), window=NO_WINDOW)
-        images = estimate_snapshot(forgetful)[0].placements
-        off_of_the_moment_m.append(
-            min(np.linalg.norm(image.positions_m - places, axis=1).max() for image in images)
-        )
-    assert len(off_m) >= 5
-    assert np.mean(off_m) < 0.6 * np.mean(off_of_the_moment_m)
-    assert np.mean(off_rad) < 0.1
 
 
 @pytest.mark.parametrize('robots', [3, 4])

@@ -15,7 +15,6 @@ from solver_cases import (
     holding,
     is_in,
     known_orientations,
-    orientation,
     scattered,
     squared_distances,
     symmetric,
@@ -142,8 +141,8 @@ def missing(result, positions, share=0.0):
     """
     Return where in an answer a placement is missing, up to a share of the largest distance.
 
-    It must lie in a hypothesis of every piece, on sides that every joint allows, within the bounds
-    of the fleet, and in a whole hypothesis when all of these are listed.
+    It must lie in a hypothesis of every piece, within the bounds of the fleet, and in a whole
+    hypothesis when all of these are listed.
     """
     squared = squared_distances(positions)
     found, slack = [], share * squared.max()
@@ -156,43 +155,4 @@ def missing(result, positions, share=0.0):
     listed = len(result.hypotheses)
     if result.n_hypotheses <= max(listed, 64) and not covers(result, squared, slack):
         found.append(f'hypotheses: {listed} of {result.n_hypotheses}')
-    if len(result.pieces) > 1 and not share:
-        found += _missing_links(result, positions, squared)
     return found
-
-
-def _missing_links(result, positions, squared):
-    """Return the joints that allow the sides of a placement in none of its hypotheses."""
-    combinations = result.whole_fleet.combinations
-    found = []
-    for link in combinations.links:
-        true = set()
-        for pair, sides in link.allowed.items():
-            for side in sides:
-                ends = [(link.first, pair[0]), (link.second, pair[1])]
-                known = link.site is not None and all(end in link.site.apexes for end in ends)
-                apexes = [link.site.apexes[end] for end in ends] if known else []
-                constraint = link.site.constraint(*apexes, side) if known else None
-                if constraint is None or _is_on_sides(constraint, positions):
-                    true.add(pair)
-        pieces = [result.whole_fleet.solved.pieces[x] for x in (link.first, link.second)]
-        if not any(
-            all(
-                is_in(piece.hypotheses[x], squared[np.ix_(piece.points, piece.points)])
-                for piece, x in zip(pieces, pair, strict=True)
-            )
-            for pair in true
-        ):
-            found.append(f'link {link.first}-{link.second}')
-    return found
-
-
-def _is_on_sides(constraint, positions):
-    from fractions import Fraction
-
-    points = [[Fraction(x) for x in point] for point in positions.tolist()]
-    signs = [
-        orientation([points[p] for p in (*constraint.face, apex)])
-        for apex in (constraint.first, constraint.second)
-    ]
-    return signs[0] * signs[1] != int(constraint.side)
