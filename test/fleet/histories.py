@@ -21,7 +21,7 @@ from drives import DELAYS_S, SAMPLE_S, direction, draw_drive, draw_errors, draw_
 from habits import Heights, beyond_limits, draw_clocks, draw_habits, has_resets
 import numpy as np
 from sensing import reading_of
-from shapes import attitude, axes_along, check_form, in_space, missing, turn
+from shapes import attitude, axes_along, in_space, missing, turn
 
 from dg_localization import SolverOptions, Verdict
 from dg_localization.fleet import Anchor, FleetConfig, Localizer, Mount, RangeErrorModel
@@ -471,9 +471,6 @@ def play_without_a_loss(history, ticks_s, resets=False):
         assert not estimate.forgotten, estimate.forgotten
         assert estimate.n_hypotheses >= len(estimate.placements)
         assert truth_is_inside(history, time_s, estimate), time_s
-        for answer in (estimate, *estimate.groups):
-            for placement in answer.placements:
-                check_form(placement)
     return estimate
 
 

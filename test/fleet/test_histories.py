@@ -23,6 +23,7 @@ from histories import (
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
+from shapes import check_form
 
 from dg_localization import Verdict
 from dg_localization.calibration.truth import FleetTruth, TrueTrack
@@ -67,6 +68,9 @@ def test_no_truth_of_a_moment_is_lost(dimension, seed):
     )
     estimate = play_without_a_loss(draw_habits(history, seed), [0.5])
     assert estimate.n_hypotheses == len(estimate.placements)
+    for answer in (estimate, *estimate.groups):
+        for placement in answer.placements:
+            check_form(placement)
 
 
 @pytest.mark.parametrize('seed', range(4))
