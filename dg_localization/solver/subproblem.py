@@ -160,7 +160,8 @@ def pieces_of_problem(problem: Problem) -> Decomposition:
 
 
 MOST_NUMBERS = 10**6
-"""Most entries of arrays that grow with a power of the points, for memory and time."""
+"""Most entries of an array that grows with a power of the number of points: more take too much
+memory or time."""
 
 MOST_CONTRACTED = 40
 """Most points that are contracted together."""

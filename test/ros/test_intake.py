@@ -11,7 +11,7 @@ from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
-from sensor_msgs.msg import PointCloud2, Range
+from sensor_msgs.msg import CameraInfo, PointCloud2, Range
 from std_msgs.msg import String
 
 from dg_localization.fleet import (
@@ -357,6 +357,35 @@ def test_a_fleet_whose_radios_share_one_topic_is_localized(bench, make_node):
     values = dict(together.values)
     assert values['topic'] == '/uwb'
     assert int(values['accepted']) >= 3 and int(values['rejected_unknown_robot']) >= 1
+
+
+def test_a_camera_and_its_detections_turn_a_fleet(bench, make_node, text_messages):
+    """The reference sees two others with a camera that looks to the left, and so has a heading."""
+    text_messages(PixelReading, pixels_of_text)
+    make_node(
+        links=[f'/tags {TEXT} robot_1 yaw={0.5 * math.pi}', f'/info {CAMERA_INFO} robot_1'],
+        stamp_source='receive',
+        bearing__half_width=0.02,
+    )
+    # robot_1 at the origin; robot_2 at (0, 3), straight ahead of the camera, robot_3 at (-4, 3).
+    pixels = f'eye robot_2:50:50 robot_3:{50.0 - 100.0 * 4.0 / 3.0}:50'
+
+    def send():
+        for (a, b), range_m in {(1, 2): 3.0, (1, 3): 5.0, (2, 3): 4.0}.items():
+            bench.send_range(f'robot_{a}', f'robot_{b}', range_m)
+        bench.publisher(String, '/tags').publish(String(data=pixels))
+        bench.publisher(CameraInfo, '/info').publish(camera_info())
+
+    def is_there():
+        # The first answers may know a part of the measurements only.
+        bench.until_placements(1)
+        positions_m = bench.last_poses().positions_m[:, :2]
+        return np.abs(positions_m - [[0.0, 0.0], [0.0, 3.0], [-4.0, 3.0]]).max() < 0.4
+
+    bench.repeat(send)
+    bench.until(is_there, 'one placement, turned by the camera')
+    bench.until_status('input camera robot_1', Level.OK, 'in use')
+    bench.until_status('input peers robot_1', Level.OK, 'in use')
 
 
 ODOMETRY = 'nav_msgs/msg/Odometry'

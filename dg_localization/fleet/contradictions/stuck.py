@@ -19,8 +19,9 @@ from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.rotations import rotation_angle_rad
 from dg_localization.fleet.vocabulary import DistanceReading, LinkKey, LinkKind, OdometrySample
 
-LEAST_MOTION = 0.5
-"""After a motion by this many m or rad a working sensor would read another value."""
+LEAST_WAY_M = 0.5
+LEAST_TURN_RAD = 0.5
+"""After a way or a turn of this size a working sensor would read another value."""
 
 UNKNOWN_MOTION_FACTOR = 10
 """With this multiple of the readings, no odometry is needed to call a sensor stuck."""
@@ -112,11 +113,11 @@ class StuckWatch:
             known = robot in before and robot in now
             if known and _is_same_frame(before[robot], now[robot]):
                 way_m = float(np.linalg.norm(now[robot].position_m - before[robot].position_m))
-                if way_m >= LEAST_MOTION:
+                if way_m >= LEAST_WAY_M:
                     return f'while {robot} moved by {way_m:.1f} m'
                 if key.kind is LinkKind.BEARING and robot == self._config.robot_of(key.observer):
                     turn_rad = rotation_angle_rad(before[robot].rotation.T @ now[robot].rotation)
-                    if turn_rad >= LEAST_MOTION:
+                    if turn_rad >= LEAST_TURN_RAD:
                         return f'while {robot} turned by {turn_rad:.1f} rad'
         if movable and not any(robot in now for robot in movable):
             return UNKNOWN_MOTION

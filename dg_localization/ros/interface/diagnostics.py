@@ -139,7 +139,7 @@ def _fleet_warnings(report: Report) -> Iterator[str]:
     if rate_hz is not None and rate_hz < TOLERATED_RATE * wanted_hz:
         yield f'localizes at {rate_hz:.2g} Hz, not at the {wanted_hz:g} Hz of `rate`'
     for offender in report.estimate.offenders[:LISTED] if report.estimate else ():
-        # It was a suspect often, and in half of all contradictions.
+        # A single wrong reading is no reason to name a sensor.
         if max(LEAST_OFFENCES, offender.contradictions / 2) <= offender.count:
             yield str(offender)
     if report.rejecting:

@@ -51,7 +51,7 @@ MOST_CHARACTERS = 300
 VARIANCE_BYTES = 4
 # An input has a warning if it rejected most readings over this time.
 REJECTING_S = 10.0
-# A sensor gives a warning only after so many rejected readings, or contradictions.
+# A sensor has a warning only after this many rejected readings or contradictions.
 LEAST_OFFENCES = 3
 # Readings of a sensor that works are rejected for these reasons, and unknown points have warnings
 # of their own.

@@ -251,7 +251,8 @@ def regions_of_point(
     """
     Return the regions that a point can be in, by its distances to other points.
 
-    They are unions of boxes no finer than the resolution or the widest distance.
+    Each is the hull of connected boxes, which are not halved below the resolution or the width of
+    the widest distance.
     """
     count, _, dimension = enclosure.shape
     low, high = np.empty((count + 1, dimension)), np.empty((count + 1, dimension))
