@@ -884,7 +884,7 @@ FLEET = [
     *_in(
         'fleet',
         'frames/odometry_frame',
-        ('test/fleet/test_standing_frame.py',),
+        ('test/fleet/test_frames.py',),
         (
             'the turn since the newest odometry is forgotten',
             'float(placement.heading_half_width_rad[row]) + pose.error_rad',
@@ -909,7 +909,7 @@ FLEET = [
     *_in(
         'fleet',
         'frames/odometry_frame',
-        ('test/fleet/test_standing_frame.py',),
+        ('test/fleet/test_frames.py',),
         (
             'a frame that was left is taken up again at once',
             'self._wait_s = HOLD_S',
@@ -919,7 +919,7 @@ FLEET = [
     *_in(
         'fleet',
         'frames/registration',
-        ('test/fleet/test_fixed_frame.py',),
+        ('test/fleet/test_frames.py',),
         (
             'the heading of the frame counts as exact',
             'rotation_2d(math.atan2(y, x), chosen[0].half_width_rad)',
@@ -949,7 +949,7 @@ FLEET = [
     *_in(
         'fleet',
         'odometry_error',
-        ('test/fleet/test_earlier_sets.py',),
+        ('test/fleet/test_window.py',),
         (
             'the scale of odometry is ignored',
             'if self.translation_scale == 1.0:',
@@ -1143,7 +1143,7 @@ FLEET = [
     *_in(
         'fleet',
         'answers',
-        ('test/fleet/test_fixed_frame.py',),
+        ('test/fleet/test_frames.py',),
         (
             'what a limit left open in a group counts as covered',
             'next(verdict for verdict in _OF_ALL if verdict in verdicts)',
@@ -1183,10 +1183,7 @@ FLEET = [
     *_in(
         'fleet/window',
         'recollection',
-        (
-            'test/fleet/test_earlier_sets.py',
-            'test/fleet/test_window.py::test_one_listed_placement_is_the_one_that_is_left',
-        ),
+        ('test/fleet/test_window.py',),
         (
             'what rests on all of the memory is carried on',
             'if recalled.pose_sets.of_whole_memory:',
@@ -1201,7 +1198,7 @@ FLEET = [
     *_in(
         'fleet',
         'estimation',
-        ('test/fleet/test_earlier_sets.py',),
+        ('test/fleet/test_window.py',),
         (
             'a memory that contradicts itself contradicts the moment',
             'if found.verdict is Verdict.INFEASIBLE and recalled.pose_sets.sets:',

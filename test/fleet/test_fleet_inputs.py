@@ -171,10 +171,7 @@ def test_a_range_widens_with_the_speeds_of_both_ends(localizer):
 
 @pytest.mark.parametrize(
     ('period_s', 'settings'),
-    [
-        (0.01, {'max_future_s': 0.0, 'max_repeats': 4}),
-        (0.005, {'max_future_s': 0.02}),
-    ],
+    [(0.01, {'max_future_s': 0.0, 'max_repeats': 4}), (0.005, {'max_future_s': 0.02})],
 )
 def test_readings_after_the_time_of_the_answer_do_not_push_out_those_before(period_s, settings):
     """Odometry comes late, and the answer is for its time."""

@@ -188,11 +188,7 @@ def test_a_robot_that_hears_two_sensors_of_another_tells_how_that_is_turned(hear
     ],
 )
 def test_what_says_nothing_is_refused_with_its_reason(ends, difference_m, reason, text):
-    localizer = new_localizer(
-        ('r', 's'),
-        anchors=ANCHORS_M,
-        mounts={'r': {'tag': TAG_M}},
-    )
+    localizer = new_localizer(('r', 's'), anchors=ANCHORS_M, mounts={'r': {'tag': TAG_M}})
     rejection = localizer.add_range_difference(*ends, difference_m, NOW_S, NOW_S)
     assert rejection.reason is reason and text in str(rejection)
     (rejection,) = localizer.add_peers(ends[0], [(ends[1:], difference_m)], NOW_S, NOW_S)

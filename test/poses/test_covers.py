@@ -68,10 +68,7 @@ def test_boxes_touch_across_the_half_turn_only_where_they_do():
 @pytest.mark.parametrize(
     ('changes', 'message'),
     [
-        (
-            {'distance_m': ranges([3.0], -0.1)},
-            'distance_m: .* m is no interval',
-        ),
+        ({'distance_m': ranges([3.0], -0.1)}, 'distance_m: .* m is no interval'),
         ({'distance_m': ranges([math.nan], 0.1)}, 'distance_m'),
     ],
 )

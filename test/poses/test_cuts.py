@@ -35,10 +35,7 @@ def random_reading(rng, kind, space):
         readings = PairReadings.of(
             *points,
             seen_by_b=kind == 'difference of B',
-            differences=(
-                Interval.point(reference),
-                Interval(low, low + rng.choice([0.01, 1.0])),
-            ),
+            differences=(Interval.point(reference), Interval(low, low + rng.choice([0.01, 1.0]))),
         )
     elif kind == 'distance':
         low = rng.uniform(0.0, 6.0, 1)

@@ -45,10 +45,7 @@ class MovedFleet:
         steps = turn(yaws, np.tile([0.5, 0.0, 0.0], (count, 1)))
         positions = np.cumsum(steps, axis=0)
         growth = np.arange(1, count + 1)[:, None] * error
-        stated = PastPoses(
-            around(rng, positions, growth * FLAT),
-            around(rng, yaws, growth[:, 0]),
-        )
+        stated = PastPoses(around(rng, positions, growth * FLAT), around(rng, yaws, growth[:, 0]))
         return positions, yaws, stated
 
     def _pair(self, a, b, track_a, track_b, liars, rays):

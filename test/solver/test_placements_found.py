@@ -110,8 +110,7 @@ def epochs(shared):
 
 
 @pytest.mark.parametrize(
-    ('long_m', 'short_m', 'obeying'),
-    [(1.3, 0.05, 1.0), (0.95, 0.05, 0.93), (0.65, 0.05, 0.75)],
+    ('long_m', 'short_m', 'obeying'), [(1.3, 0.05, 1.0), (0.95, 0.05, 0.93), (0.65, 0.05, 0.75)]
 )
 def test_every_epoch_that_obeys_its_bounds_is_covered(epochs, long_m, short_m, obeying):
     """

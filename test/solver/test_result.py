@@ -9,14 +9,7 @@ from types import SimpleNamespace
 from joined_cases import check_counts, solve_as_one
 import numpy as np
 import pytest
-from solver_cases import (
-    bounds,
-    covers,
-    holding,
-    orientation,
-    pairs_where,
-    squared_distances,
-)
+from solver_cases import bounds, covers, holding, orientation, pairs_where, squared_distances
 
 from benchmarks.problems import fleet, fleet_placements
 from dg_localization import Chirality, Problem, Side, SideConstraint, SolverOptions, Verdict, solve
@@ -102,11 +95,7 @@ def agrees_closely(problem, positions):
         # The rhombus has its tips sqrt(3) apart.
         (HINGED | {(2, 3): (2.9, 2.95)}, 2, {}),
         # A side the distances rule out.
-        (
-            HINGED | {(2, 3): (2.9, 3.1)},
-            2,
-            {'sides': [SideConstraint((0, 1), 2, 3, Side.SAME)]},
-        ),
+        (HINGED | {(2, 3): (2.9, 3.1)}, 2, {'sides': [SideConstraint((0, 1), 2, 3, Side.SAME)]}),
         # Handedness the distances rule out.
         (
             HINGED | {(2, 3): (2.9, 3.1)},

@@ -67,9 +67,7 @@ def test_two_chiralities_of_disjoint_triangles():
     signs = {
         sign: solve(
             Problem(
-                squared,
-                squared,
-                chiralities=[Chirality((0, 1, 2), 1), Chirality((3, 4, 5), sign)],
+                squared, squared, chiralities=[Chirality((0, 1, 2), 1), Chirality((3, 4, 5), sign)]
             )
         ).verdict
         for sign in (1, -1)
