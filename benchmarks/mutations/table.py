@@ -317,7 +317,7 @@ CONTRACT = [
     *_in(
         'solver',
         'contract/sides',
-        ('test/solver/test_sides.py', 'test/solver/test_fleet.py'),
+        ('test/solver/test_sides.py', 'test/solver/test_result.py'),
         (
             'two chiralities of unequal sign count as equal',
             'if known.sign == chiralities[0].sign else',
@@ -416,7 +416,7 @@ SEARCHING = [
     *_in(
         'solver',
         'search/search',
-        ('test/solver/test_fleet.py',),
+        ('test/solver/test_result.py',),
         (
             'a box is tightened when its time is over',
             'if stopped():\n        return box',
@@ -652,7 +652,7 @@ FLEET = [
     *_in(
         'fleet',
         'elevations',
-        ('test/fleet/test_elevations.py',),
+        ('test/fleet/test_other_measures.py',),
         (
             'robots that climb stay at the elevation that was read',
             'climb_m = most_between(speed_m_s, *times_s)',

@@ -8,7 +8,6 @@ import platform
 import struct
 import sys
 
-import numpy as np
 import pytest
 from solver_cases import assert_same, braced_grid
 
@@ -55,8 +54,6 @@ def test_the_answer_is_the_same_to_the_bit(size, other_mode):
     expected = solve(problem, options)
     assert found.hypotheses
     assert_same(found, expected)
-    for one, other in zip(found.hypotheses, expected.hypotheses, strict=True):
-        assert np.array_equal(one.positions, other.positions)
 
 
 def test_a_callback_that_changes_the_mode_is_noticed(other_mode):

@@ -80,7 +80,7 @@ def test_ranges_alone_and_rays_alone_are_enough():
 
 
 @pytest.mark.parametrize('others', [{}, {'range': 'f8'}])
-def test_range_differences_alone_are_enough(others):
+def test_other_measures_alone_are_enough(others):
     formats = {'peer': 'u2', 'reference': 'u1', 'range_difference': 'f4', **others}
     reading = peers_from_message(cloud(formats))
     assert_rows(reading, ranges=bool(others), rays=False)

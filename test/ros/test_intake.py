@@ -74,7 +74,7 @@ def cloud(rows=((1,),), ranges_m=math.nan, ray=(math.nan,) * 3):
     return adapter_for(CLOUD).to_message(reading)
 
 
-def test_range_differences_come_with_peers():
+def test_other_measures_come_with_peers():
     anchors = {name: Anchor((x, 0.0)) for name, x in (('p', 0.0), ('q', 5.0))}
     localizer, intake = make_intake(use_header_stamp=True, anchors=anchors)
     link = f'{CLOUDS} difference_min_error=-0.1 difference_max_error=0.3'

@@ -10,7 +10,7 @@ what comes later, also in files that are included; a file is included only with 
 has no default there; every substitution is performed.
 """
 
-from dataclasses import dataclass, field, make_dataclass
+from dataclasses import make_dataclass
 from functools import partial
 from importlib.util import find_spec
 from itertools import pairwise
@@ -44,26 +44,34 @@ class MissingArgumentError(Exception):
     """An argument without a default was not given."""
 
 
+def optional(**defaults):
+    return [(name, object, default) for name, default in defaults.items()]
+
+
 LaunchConfiguration = make_dataclass('LaunchConfiguration', ['name'])
 ParameterValue = make_dataclass('ParameterValue', ['value', 'value_type'])
 IfCondition = make_dataclass('IfCondition', ['predicate'])
 Shutdown = make_dataclass('Shutdown', ['reason'])
 PythonLaunchDescriptionSource = make_dataclass('PythonLaunchDescriptionSource', ['path'])
 LaunchDescription = make_dataclass('LaunchDescription', ['entities'])
+LogInfo = make_dataclass('LogInfo', ['msg', *optional(condition=None)])
+DeclareLaunchArgument = make_dataclass(
+    'DeclareLaunchArgument',
+    ['name', *optional(default_value=None, description='', choices=None)],
+)
+IncludeLaunchDescription = make_dataclass(
+    'IncludeLaunchDescription', ['source', *optional(launch_arguments=())]
+)
+LISTS = optional(namespace='', arguments=(), parameters=(), remappings=())
+OTHERS = optional(output='log', condition=None, on_exit=None)
+Node = make_dataclass('Node', ['package', 'executable', *LISTS, *OTHERS])
 
 
-@dataclass
 class Context:
     """The configurations so far, what was declared, and the command line of each executable."""
 
-    configurations: dict
-    declared: dict = field(default_factory=dict)
-    processes: dict = field(default_factory=dict)
-    lines: list = field(default_factory=list)
-
-    def holds(self, condition):
-        """Return whether a condition, if there is one, is met."""
-        return condition is None or self.text(condition.predicate) == 'true'
+    def __init__(self):
+        self.configurations, self.declared, self.processes, self.lines = {}, {}, {}, []
 
     def text(self, value):
         """Return a substitution, or a list of them, as text."""
@@ -74,50 +82,52 @@ class Context:
         assert isinstance(value, str), f'{value!r} is neither text nor a substitution'
         return value
 
+    def visit(self, entity):
+        """Do what an action says, where its condition, if it has one, is met."""
+        condition = getattr(entity, 'condition', None)
+        if condition and self.text(condition.predicate) != 'true':
+            return
+        match entity:
+            case LogInfo():
+                self.lines.append(self.text(entity.msg))
+            case DeclareLaunchArgument(name, default, _, choices):
+                self.declared.setdefault(name, entity)
+                if name not in self.configurations:
+                    if default is None:
+                        raise MissingArgumentError(name)
+                    self.configurations[name] = self.text(default)
+                assert choices is None or self.configurations[name] in choices
+            case IncludeLaunchDescription(source, arguments):
+                given = {self.text(name): self.text(value) for name, value in arguments}
+                entities = described(self.text(source.path)).entities
+                # Those that are set but not handed on do not count.
+                for name in required(entities):
+                    if name not in given:
+                        raise MissingArgumentError(name)
+                self.configurations.update(given)
+                for inner in entities:
+                    self.visit(inner)
+            case Node():
+                ends_all = isinstance(entity.on_exit, Shutdown)
+                process = SimpleNamespace(line=self.line_of(entity), ends_all=ends_all)
+                self.processes[entity.executable] = process
 
-@dataclass
-class DeclareLaunchArgument:
-    name: str
-    default_value: object = None
-    description: str = ''
-    choices: list | None = None
-
-    def visit(self, context):
-        context.declared.setdefault(self.name, self)
-        if self.name not in context.configurations:
-            if self.default_value is None:
-                raise MissingArgumentError(self.name)
-            context.configurations[self.name] = context.text(self.default_value)
-        assert self.choices is None or context.configurations[self.name] in self.choices
-
-
-@dataclass
-class LogInfo:
-    msg: object
-    condition: IfCondition | None = None
-
-    def visit(self, context):
-        if context.holds(self.condition):
-            context.lines.append(context.text(self.msg))
-
-
-@dataclass
-class IncludeLaunchDescription:
-    source: PythonLaunchDescriptionSource
-    launch_arguments: object = ()
-
-    def visit(self, context):
-        given = [
-            (context.text(name), context.text(value)) for name, value in self.launch_arguments
-        ]
-        entities = described(context.text(self.source.path)).entities
-        # Those that are set but not handed on do not count.
-        for name in required(entities):
-            if name not in dict(given):
-                raise MissingArgumentError(name)
-        context.configurations.update(given)
-        for entity in entities:
-            entity.visit(context)
+    def line_of(self, node):
+        """Return the command line of a process, with all substitutions performed."""
+        line = [self.text(part) for part in node.arguments] + ['--ros-args']
+        if namespace := self.text(node.namespace):
+            line += ['-r', f'__ns:=/{namespace}']
+        for entry in node.parameters:
+            if not isinstance(entry, dict):
+                line += ['--params-file', self.text(entry)]
+                continue
+            for name, one in entry.items():
+                value = self.text(one.value)
+                assert value in ('true', 'false') and one.value_type is bool
+                line += ['-p', f'{name}:={value}']
+        for source, target in node.remappings:
+            line += ['-r', f'{self.text(source)}:={self.text(target)}']
+        return line
 
 
 def required(entities):
@@ -129,38 +139,6 @@ def required(entities):
             given = [name for name, _ in entity.launch_arguments]
             inside = required(described(entity.source.path).entities)
             yield from (name for name in inside if name not in given)
-
-
-@dataclass
-class Node:
-    package: str
-    executable: str
-    namespace: object = ''
-    arguments: list = field(default_factory=list)
-    parameters: list = field(default_factory=list)
-    remappings: list = field(default_factory=list)
-    output: str = 'log'
-    condition: IfCondition | None = None
-    on_exit: object = None
-
-    def visit(self, context):
-        """Add the process to start, with all substitutions performed."""
-        if context.holds(self.condition):
-            line = [context.text(part) for part in self.arguments] + ['--ros-args']
-            if namespace := context.text(self.namespace):
-                line += ['-r', f'__ns:=/{namespace}']
-            for entry in self.parameters:
-                if not isinstance(entry, dict):
-                    line += ['--params-file', context.text(entry)]
-                    continue
-                for name, one in entry.items():
-                    value = context.text(one.value)
-                    assert value in ('true', 'false') and one.value_type is bool
-                    line += ['-p', f'{name}:={value}']
-            for source, target in self.remappings:
-                line += ['-r', f'{context.text(source)}:={context.text(target)}']
-            ends_all = isinstance(self.on_exit, Shutdown)
-            context.processes[self.executable] = SimpleNamespace(line=line, ends_all=ends_all)
 
 
 ACTIONS = DeclareLaunchArgument, IncludeLaunchDescription, LogInfo, Shutdown
@@ -194,9 +172,9 @@ def launch(monkeypatch):
         monkeypatch.setitem(sys.modules, name, module)
 
     def launch(name, **arguments):
-        context = Context({})
+        context = Context()
         source = PythonLaunchDescriptionSource(str(LAUNCH / f'{name}.launch.py'))
-        IncludeLaunchDescription(source, arguments.items()).visit(context)
+        context.visit(IncludeLaunchDescription(source, arguments.items()))
         return context
 
     return launch

@@ -41,7 +41,7 @@ REPOSITORY = Path(__file__).parents[2]
 ELEVATION, CLOUD = 'geometry_msgs/msg/PointStamped', 'sensor_msgs/msg/PointCloud2'
 
 
-def test_elevations_of_a_recording_are_read(recorder, localize):
+def test_other_measures_of_a_recording_are_read(recorder, localize):
     """The true depth of a is 1 m; up to 2.9 m is stated."""
     for step in range(11):
         message = PointStamped(point=Point(z=-1.0))
@@ -57,7 +57,7 @@ def test_elevations_of_a_recording_are_read(recorder, localize):
     assert by_name['localizer: fleet'].values['inputs_in_use'] == '4'
 
 
-def test_range_differences_of_anchors_place_a_robot_on_the_map(recorder, localize, tmp_path):
+def test_other_measures_of_anchors_place_a_robot_on_the_map(recorder, localize, tmp_path):
     """A tag on a robot that circles hears the anchors; besides there is odometry only."""
     anchors = {'p': (-4.0, -3.0), 'q': (4.0, -4.0), 'r': (3.0, 4.0), 's': (-3.0, 3.0)}
     rng, error_m, unknown = np.random.default_rng(5), 0.05, np.full((3, 3), math.nan)

@@ -30,6 +30,9 @@ from dg_localization import Problem, SolverOptions, Verdict, solve
 from dg_localization.interval.kernels import COMPILED
 from dg_localization.solver.assemble import growing
 
+# In plain Python kernels warn of what compiled ones do not.
+pytestmark = pytest.mark.filterwarnings('error' if COMPILED else 'default')
+
 CLAIMS_EVERY = 10
 LARGE_EVERY, WITHIN_EVERY = 50, 5
 """How many problems there are for one that is large, and for one within some boxes."""
@@ -88,26 +91,21 @@ def lost(lacking, seeds):
     return found
 
 
-# In plain Python kernels warn of what compiled ones do not.
-@pytest.mark.filterwarnings('error' if COMPILED else 'default')
 @pytest.mark.parametrize('seeds', chunks(2 * PROBLEMS, 500), ids=first_and_last)
 def test_no_truth_is_lost(seeds):
     assert not lost(lambda seed: lacking_of(random_case(seed), seed % CLAIMS_EVERY == 0), seeds)
 
 
-@pytest.mark.filterwarnings('error')
 @pytest.mark.parametrize('seeds', chunks(PROBLEMS, 250), ids=first_and_last)
 def test_no_truth_is_lost_where_bodies_are_joined(seeds):
     assert not lost(lacking_of_joined, seeds)
 
 
-@pytest.mark.filterwarnings('error')
 def test_pairs_that_sides_bound_join_what_was_apart():
     """Without the triangles of such a pair its points were placed as if unbounded: NaN."""
     assert not lacking_of_joined(60_714_674)
 
 
-@pytest.mark.filterwarnings('error')
 @pytest.mark.parametrize('seeds', chunks(max(1, PROBLEMS // 10), 100), ids=first_and_last)
 def test_no_truth_is_lost_where_pieces_in_space_are_placed_point_by_point(seeds, monkeypatch):
     """However small or well held they are."""

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from solver_cases import (
     CancelAfter,
+    assert_same,
     braced_grid,
     holding,
     pairs_where,
@@ -207,19 +208,6 @@ class NeverExecutor:
         return self.futures[-1]
 
 
-def check_same(result, other):
-    assert result.verdict is other.verdict and result.n_hypotheses == other.n_hypotheses
-    for counted in ('processed', 'empty', 'split', 'kept', 'pending'):
-        assert getattr(result.statistics, counted) == getattr(other.statistics, counted)
-    assert len(result.pieces) == len(other.pieces)
-    for piece, twin in zip(result.pieces, other.pieces, strict=True):
-        for part, same in zip((piece, *piece.patches), (twin, *twin.patches), strict=True):
-            assert part.points == same.points
-            for h, g in zip(part.hypotheses, same.hypotheses, strict=True):
-                assert (h.lower == g.lower).all() and (h.upper == g.upper).all()
-                assert (h.positions == g.positions).all() and h.proved == g.proved
-
-
 def chain_of_triangles(count):
     """Return triangles and fours, each hinged to the next in one point."""
     bodies, last = [], 0
@@ -244,14 +232,14 @@ def test_workers_give_the_same_answer(name, max_boxes):
     executor = LaterExecutor()
     result = solve(PROBLEMS[name], options, executor=executor)
     assert (executor.n_tasks > 0) == ('large' in name or 'many' in name)
-    check_same(result, solve(PROBLEMS[name], options))
+    assert_same(result, solve(PROBLEMS[name], options))
 
 
 def test_processes_give_the_same_answer():
     options = SolverOptions(max_boxes=10**6)
     problem = PROBLEMS['one large piece']
     with ProcessPoolExecutor(1, mp_context=get_context('spawn')) as executor:
-        check_same(solve(problem, options, executor=executor), solve(problem, options))
+        assert_same(solve(problem, options, executor=executor), solve(problem, options))
 
 
 @pytest.mark.parametrize('max_seconds', [0.2, 60.0])
