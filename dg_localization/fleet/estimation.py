@@ -177,6 +177,8 @@ def _no_data_reason(snapshot: Snapshot) -> str:
         return 'no usable measurement has arrived yet'
     if any(link.contradicts for link in snapshot.links):
         return 'all fresh measurements contradict what was measured before, and are left out'
+    if not all(link.stale for link in snapshot.links):
+        return 'range differences alone place no robot without young odometry and a memory'
     ages_s = [link.age_s for link in snapshot.links if link.age_s >= 0.0]
     if not ages_s:
         return 'all measurements are later than the answer, which is for the time of the odometry'

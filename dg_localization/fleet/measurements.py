@@ -236,7 +236,7 @@ class MeasurementStore:
         return {
             key: young(self._inputs[key])
             for key in sorted(self._inputs)
-            if key.kind in (LinkKind.RANGE, LinkKind.BEARING) and self._inputs[key].accepted
+            if self._inputs[key].readings
         }
 
     def newest_stamp_s(self, key: LinkKey) -> float:

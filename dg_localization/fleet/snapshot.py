@@ -56,7 +56,7 @@ class Snapshot:
     motion : Motion
     anchors : AnchorGeometry
     links : tuple of LinkState
-        Every range and bearing link that has ever delivered a reading.
+        Every link of ranges, bearings or range differences that has ever delivered a reading.
     window : Window
         The observations of the last `memory_s`.
     mounts : MountGeometry
@@ -172,7 +172,7 @@ def take_snapshot(
         young[key] = readings
         lower_m, upper_m = 0.0, math.inf
         measured = [reading for reading in readings if isinstance(reading, DistanceReading)]
-        if measured:
+        if measured and not key.reference:
             distance = _distance_at(now_s, key, measured, displacement_m)
             in_space_m = _in_space_m(now_s, measured, displacement_m, motion)
             if in_space_m[0] > in_space_m[1]:

@@ -269,14 +269,14 @@ class InputState:
 @dataclass(frozen=True)
 class LinkState:
     """
-    The state of one link of ranges or bearings at the time of a snapshot.
+    The state of one link of ranges, bearings or range differences at the time of a snapshot.
 
     Parameters
     ----------
     key : LinkKey
     lower_m, upper_m : float
         Bounds of the distance at that time, in m, after aging; in the plane, between the
-        projections of both ends. A bearing does not bound the distance: [0, inf].
+        projections of both ends. Bearings and range differences do not bound it: [0, inf].
     age_s : float
         Age of the newest measurement.
     stale : bool

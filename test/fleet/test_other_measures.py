@@ -280,6 +280,11 @@ def test_a_mounted_tag_places_its_robot_and_tells_its_heading(window_outliers):
     assert {str(key) for key in heard} >= {'range_difference r/tag->b-a'}
 
 
+def test_differences_without_a_memory_are_said_to_place_no_robot():
+    estimate = Listener(memory_s=0.0).run(1.0)
+    assert 'place no robot without' in estimate.reason and not estimate.links[0].stale
+
+
 @pytest.mark.parametrize('share', [1.0, 0.8])
 def test_bounds_that_are_too_narrow_are_noticed(share):
     listener, wrong = Listener(stated_m=share * ERROR_M), []

@@ -47,7 +47,6 @@ AB = LinkKey(LinkKind.RANGE, 'a', 'b')
 PEERS = LinkKey(LinkKind.PEERS, 'a', '')
 BA = LinkKey(LinkKind.RANGE, 'b', 'a')
 LINK = Link('/a/range/b', 'sensor_msgs/msg/Range', AB)
-ALONE = LinkKey(LinkKind.ODOMETRY, 'b', ''), LinkKey(LinkKind.ELEVATION, 'b', '')
 
 
 def placement(shift_m=0.0, dimension=2, **changes):
@@ -196,7 +195,8 @@ OK, WARN, ERROR = Level.OK, Level.WARN, Level.ERROR
 FLEET, ROBOT, INPUT = 'fleet', 'robot b', 'input range a->b'
 ONE, TWO = estimate(placement()), estimate(placement(), placement(1.0))
 NONE = estimate(verdict=Verdict.INFEASIBLE)
-STALE, UNKNOWN = replace(ONE, links=()), estimate(verdict=None, reason='all is stale')
+NEVER, UNKNOWN = replace(ONE, links=()), estimate(verdict=None, reason='all is stale')
+STALE = replace(ONE, links=(LinkState(AB, 0.0, math.inf, 9.0, stale=True),))
 CONFLICT = replace(NONE, conflicts=((AB, BA),))
 MOVED = replace(
     ONE,
@@ -279,10 +279,7 @@ def camera(explicit):
         ('robot a', CONFLICT, {}, ERROR, 'contradict'),
         (ROBOT, DOUBTED, {}, WARN, 'in doubt: it contradicts what was measured before'),
         (ROBOT, STALE, {}, WARN, 'stale'),
-        (ROBOT, STALE, {'inputs': {}}, WARN, 'never measured'),
-        (ROBOT, STALE, given(accepted=0, in_use=False), WARN, 'never measured'),
-        # That it says where it drives, and how high it is, measures it from nowhere.
-        (ROBOT, STALE, {'inputs': {k: input_state(key=k) for k in ALONE}}, WARN, 'never measured'),
+        (ROBOT, NEVER, {}, WARN, 'never measured'),
         (INPUT, ONE, {}, OK, 'in use'),
         (INPUT, ONE, given(in_use=False), WARN, 'stale'),
         (INPUT, ONE, given(stuck='stuck: 9 readings'), WARN, 'stuck: 9 readings'),

@@ -93,6 +93,10 @@ def test_other_measures_of_anchors_place_a_robot_on_the_map(recorder, localize, 
     by_name = {status.name: status.values for status in last.statuses}
     heard = by_name['localizer: input range_difference a/tag->r-p']
     assert heard['topic'] == '/a/tag/peers' and int(heard['accepted']) > 50
+    assert by_name['localizer: robot a']['heard'] == '4 of 4'
+    assert 'problem' not in by_name['localizer: robot a']
+    topics = {row['input']: row['topics'] for row in report['inputs']}
+    assert topics['range_difference a/tag->r-p'] == ['/a/tag/peers']
 
 
 def test_peers_in_one_message_give_the_same_answers_as_a_topic_each(localize, tmp_path):

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from dg_localization.fleet import Estimate, LinkKind
 from dg_localization.ros.bags.offline import Recording
+from dg_localization.ros.interface.diagnostics import key_of_topic
 from dg_localization.ros.interface.intake import Intake
-from dg_localization.ros.interface.links import ANY_OBSERVER
 from dg_localization.solver.result import Verdict
 from msg_adapters import Level, Status
 
@@ -111,22 +111,20 @@ def inputs_tree(recording: Recording, intake: Intake, now_s: float) -> Tree:
     """Return the counts of each input, and the sums over all inputs."""
     rows, links, states = [], recording.links.values(), intake.states(now_s)
     with_topic = {link.key for link in links}
-    # Messages that name their observer count as peers of that robot.
-    named = any(key.observer == ANY_OBSERVER for key in with_topic)
     accepted, rejected = 0, Counter[str]()
     for key in sorted({*states, *with_topic}):
         state = states.get(key)
         reasons = {reason.value: n for reason, n in state.rejected.items()} if state else {}
         row: Tree = {
             'input': str(key),
-            'topics': [link.topic for link in links if link.key == key],
+            'topics': [link.topic for link in links if link.key == key_of_topic(key, with_topic)],
             'accepted': state.accepted if state else 0,
             'rejected': _counts(reasons),
             'last_rejection': state.last_reason_text if state else '',
         }
         rows.append(row)
         # Readings of peers count as peers, not once more as ranges and rays.
-        if key in with_topic or (named and key.kind is LinkKind.PEERS):
+        if key in with_topic or key.kind is LinkKind.PEERS:
             accepted += row['accepted']
             rejected.update(reasons)
     rejected['malformed'] = sum(wrong.count for wrong in intake.malformed.values())

@@ -4,7 +4,7 @@
 """Diagnostics of an estimate and its inputs: the fleet, each robot, each input."""
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import math
 from operator import attrgetter
@@ -102,8 +102,8 @@ class Report:
 
 
 def robots_of(key: LinkKey) -> set[str]:
-    """Return the robots and anchors at the ends of a link; for a sensor, its robot."""
-    return {name.partition('/')[0] for name in (key.observer, key.target)}
+    """Return the robots and anchors that a link measures; for a sensor, its robot."""
+    return {name.partition('/')[0] for name in key.points}
 
 
 def statuses(report: Report) -> tuple[Status, ...]:
@@ -312,11 +312,10 @@ def _robot_state(report: Report, row: int) -> tuple[Level, str]:
         return Level.WARN, 'no placement'
     own_links = [link for link in estimate.links if robot in robots_of(link.key)]
     if all(link.stale for link in own_links):
-        # Odometry and elevations have no target; peers are counted one by one.
-        measured = [key for key, one in report.inputs.items() if one.accepted and key.target]
-        if any(robot in robots_of(key) for key in measured):
-            return Level.WARN, 'stale: no range or bearing of this robot is in use'
-        return Level.WARN, 'never measured: no range or bearing of this robot has been accepted'
+        what = 'no range, bearing or range difference of this robot'
+        if own_links:
+            return Level.WARN, f'stale: {what} is in use'
+        return Level.WARN, f'never measured: {what} has been accepted'
     enclosures = [placement.enclosure_m[row] for placement in estimate.placements]
     if not np.isfinite(enclosures).all():
         if not estimate.conflicts and any(link.contradicts for link in own_links):
@@ -368,16 +367,18 @@ def _input_statuses(report: Report) -> Iterator[Status]:
         contradicting.update(*report.estimate.conflicts)
     mistaken = sorted(report.wrong_types.keys() - set(report.links), key=attrgetter('topic'))
     topics_of = Counter(link.key for link in (*report.links, *mistaken))
-    unnamed = _without_topic(report)
+    with_topic = {link.key for link in report.links}
+    came_by: dict[LinkKey, dict[LinkKey, InputState]] = defaultdict(dict)
+    for key in report.inputs:
+        came_by[key_of_topic(key, with_topic)][key] = report.inputs[key]
     shown: set[LinkKey] = set()
     for link in (*report.links, *mistaken):
         # The peers of the observer of the link; of every observer where the messages name it.
-        found = unnamed.get(link.key.observer, {}) if link.key.kind is LinkKind.PEERS else {}
-        together = [one for key, one in found.items() if key.kind is LinkKind.PEERS]
-        peers = {key: one for key, one in found.items() if key.kind is not LinkKind.PEERS}
-        state = _joined(link.key, together) if together else report.inputs.get(link.key)
-        if link in mistaken:
-            state = None
+        found = came_by.get(link.key, {})
+        together = [one for key, one in found.items() if key.kind is link.key.kind]
+        peers = {key: one for key, one in found.items() if key.kind is not link.key.kind}
+        is_heard = together and link not in mistaken
+        state = _joined(link.key, together) if is_heard else None
         malformed = report.malformed.get(link.topic, NONE_MALFORMED)
         if not (link.explicit or state or malformed.count or link in report.wrong_types):
             continue
@@ -399,15 +400,10 @@ def _input_statuses(report: Report) -> Iterator[Status]:
             yield _status(report, str(key), replace(link, key=key), what, peers[key])
 
 
-def _without_topic(report: Report) -> dict[str, dict[LinkKey, InputState]]:
-    """Return the states of inputs without a topic, by the observer of the link they came by."""
-    with_topic = {link.key for link in report.links}
-    found: dict[str, dict[LinkKey, InputState]] = defaultdict(dict)
-    for key, state in report.inputs.items():
-        if key not in with_topic:
-            has_link = LinkKey(LinkKind.PEERS, key.observer, '') in with_topic
-            found[key.observer if has_link else ANY_OBSERVER][key] = state
-    return found
+def key_of_topic(key: LinkKey, with_topic: Collection[LinkKey]) -> LinkKey:
+    """Return the key of the link by which an input came: its own, or that of peers."""
+    together = (LinkKey(LinkKind.PEERS, name, '') for name in (key.observer, ANY_OBSERVER))
+    return next((one for one in (key, *together) if one in with_topic), key)
 
 
 def _joined(key: LinkKey, states: Sequence[InputState]) -> InputState:
