@@ -282,7 +282,7 @@ CONTRACT = [
     *_in(
         'solver',
         'contract/coordinates',
-        ('test/solver/test_coordinates.py',),
+        (f'{HUNT}::test_no_truth_is_lost_where_pieces_in_space_are_placed_point_by_point',),
         (
             'the least distance cuts off what lies on the far side',
             'if left < new_low and new_low < right:',

@@ -6,6 +6,7 @@
 from dataclasses import replace
 from itertools import combinations, permutations
 import math
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -46,11 +47,11 @@ def test_right_readings_give_the_true_point(dimension, cameras):
     assert all(placement.proved for placement in placements)
 
 
-def drive(localizer, misread=()):
+def drive(localizer, misread=(), shares=MappingProxyType({})):
     """
     Drive in a circle and see one landmark at a time; return the true pose at the end.
 
-    At the times of `misread` another landmark is named.
+    At the times of `misread` another landmark is named; ranges are so many times the true ones.
     """
     pose = np.array([2.0, 1.0, 0.6])
     for tick in range(30):
@@ -58,7 +59,8 @@ def drive(localizer, misread=()):
         pose += [0.2 * math.cos(pose[2]), 0.2 * math.sin(pose[2]), 0.05]
         add_odometry(localizer, 'r', pose[:2], now_s, pose[2])
         name, seen_m = f'a{(tick + (tick in misread)) % 3}', ANCHORS[2][tick % 3]
-        add_ranges(localizer, 'r', pose[:2], {name: seen_m}, now_s)
+        range_m = shares.get(name, 1.0) * math.dist(pose[:2], seen_m)
+        assert localizer.add_range('r', name, range_m, now_s, now_s) is None
         localizer.add_bearing('r', name, ray(pose, seen_m, pose[2]), now_s, now_s)
     return pose, now_s
 
@@ -89,17 +91,7 @@ def test_misread_landmarks_hardly_pull():
 def test_a_beacon_whose_bounds_do_not_hold_is_named(is_wrong):
     """Its ranges are too long by 1.5 half widths, which does not contradict other readings."""
     localizer = driver(window_outliers=10)
-
-    class Misread:
-        """Passes on what is measured, but for the ranges to one landmark."""
-
-        add_odometry, add_bearing = localizer.add_odometry, localizer.add_bearing
-
-        def add_range(self, robot, name, range_m, *times_s):
-            share = 1.35 if is_wrong and name == 'a1' else 1.0
-            return localizer.add_range(robot, name, share * range_m, *times_s)
-
-    _, now_s = drive(Misread())
+    _, now_s = drive(localizer, shares={'a1': 1.35 if is_wrong else 1.0})
     estimate = localizer.step(now_s)
     named = [
         text.split(' (')[0] for placement in estimate.placements for text in placement.misfits

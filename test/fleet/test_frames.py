@@ -147,12 +147,14 @@ def test_a_change_of_the_frame_is_announced_once():
     assert localizer.step(NOW_S).previous_frame == second.frame
 
 
+FAR = {'e': (50.0, 50.0), 'f': (53.0, 50.0), 'g': (50.0, 54.0)}
+
+
 def test_two_groups_have_a_frame_each():
-    far = {'e': (50.0, 50.0), 'f': (53.0, 50.0), 'g': (50.0, 54.0)}
-    localizer = make_localizer([*SQUARE, *far, 'lost'])
+    localizer = make_localizer([*SQUARE, *FAR, 'lost'])
     range_pairs(localizer, SQUARE)
-    range_pairs(localizer, far)
-    add_bearings(localizer, far, 'e', ['f', 'g'])
+    range_pairs(localizer, FAR)
+    add_bearings(localizer, FAR, 'e', ['f', 'g'])
     estimate = localizer.step(NOW_S)
     assert str(estimate.frame) == 'origin at a, x towards b'
     assert 'not connected: lost; in a frame of their own: e, f, g' in estimate.reason
@@ -163,7 +165,7 @@ def test_two_groups_have_a_frame_each():
     assert group.n_hypotheses == 1
     (placement,) = group.placements
     assert np.isnan(placement.positions_m[:4]).all()
-    assert not missing(placement, np.vstack([np.zeros((4, 2)), rows(far) - far['e'], [0.0, 0.0]]))
+    assert not missing(placement, np.vstack([np.zeros((4, 2)), rows(FAR) - FAR['e'], [0.0, 0.0]]))
 
 
 @pytest.mark.parametrize('beacons', [(), ('far', 'away')])
@@ -187,11 +189,10 @@ def test_what_a_limit_left_open_among_the_others_is_open_in_the_fleet(beacons):
 
 
 def test_headings_that_contradict_rays_are_found_in_every_group():
-    far = {'e': (50.0, 50.0), 'f': (53.0, 50.0), 'g': (50.0, 54.0)}
-    localizer = make_localizer([*SQUARE, *far])
+    localizer = make_localizer([*SQUARE, *FAR])
     range_pairs(localizer, SQUARE)
-    range_pairs(localizer, far)
-    add_bearings(localizer, far, 'e', ['f'])
+    range_pairs(localizer, FAR)
+    add_bearings(localizer, FAR, 'e', ['f'])
     localizer.add_bearing('e', 'g', (1.0, 0.0, 0.0), NOW_S, NOW_S)
     assert localizer.step(NOW_S).verdict is Verdict.INFEASIBLE
 
@@ -256,48 +257,44 @@ def n_holding(estimate, places):
     return sum(not missing(one, [*places.values()]) for one in estimate.placements)
 
 
+WALL = {'w0': (0.0, 0.0), 'w1': (5.0, 0.0), 'w2': (9.0, 0.0)}
+CEILING = {'c0': (0, 0, 3), 'c1': (8, 0, 3), 'c2': (8, 6, 3), 'c3': (0, 6, 3)}
+
+
+def bent(anchors, bump_m):
+    """Return anchors in a line or a plane, the second one a little out of it."""
+    name, place = [*anchors.items()][1]
+    return {**anchors, name: (*place[:-1], place[-1] + bump_m)}
+
+
 @pytest.mark.parametrize('bump_m', [1e-6, 1e-3, 0.03])
-@pytest.mark.parametrize('y_m', [-3.0, 1.5])
-def test_each_side_of_a_wall_is_a_hypothesis(bump_m, y_m):
-    """Three anchors of which one is a little out of line leave both sides open."""
-    anchors = {'w0': (0.0, 0.0), 'w1': (5.0, bump_m), 'w2': (9.0, 0.0)}
-    places = {'r': (3.0, y_m)}
-    estimate = answer(anchors, places)
+@pytest.mark.parametrize(
+    ('anchors', 'place'),
+    [(WALL, (3.0, -3.0)), (WALL, (3.0, 1.5)), (CEILING, (3.0, 2.0, 1.0))],
+    ids=['below', 'above', 'under a ceiling'],
+)
+def test_each_side_of_anchors_nearly_in_line_or_in_a_plane_is_a_hypothesis(anchors, place, bump_m):
+    estimate = answer(bent(anchors, bump_m), {'r': place}, dimension=len(place))
     assert estimate.n_hypotheses == len(estimate.placements) == 2
-    assert n_holding(estimate, places) == 1
-    assert nearest_deviations(estimate, places) < 4.0
-    sides = {np.sign(one.positions_m[0, 1]) for one in estimate.placements}
-    assert sides == {-1.0, 1.0}
-    assert all(
-        one.enclosure_m[0, 0, 1] * one.enclosure_m[0, 1, 1] > 0 for one in estimate.placements
-    )
+    assert n_holding(estimate, {'r': place}) == 1
+    assert nearest_deviations(estimate, {'r': place}) < 4.0
+    low, high = np.array([one.enclosure_m[0, :, -1] for one in estimate.placements]).T
+    at = anchors[next(iter(anchors))][-1]
+    assert sorted(zip(low > at, high < at, strict=True)) == [(False, True), (True, False)]
 
 
 def test_ranges_between_robots_leave_the_sides_that_agree():
     """Of four combinations of sides, two have the robots as far apart as they measured."""
-    anchors = {'w0': (0.0, 0.0), 'w1': (5.0, 0.002), 'w2': (9.0, 0.0)}
     places = {'r': (3.0, 2.0), 's': (5.0, 3.0)}
-    assert answer(anchors, places).n_hypotheses == 4
-    estimate = answer(anchors, places, peers=[('r', 's')])
+    assert answer(bent(WALL, 0.002), places).n_hypotheses == 4
+    estimate = answer(bent(WALL, 0.002), places, peers=[('r', 's')])
     assert estimate.n_hypotheses == len(estimate.placements) == 2
     assert n_holding(estimate, places) == 1
-
-
-@pytest.mark.parametrize('bump_m', [1e-6, 0.01])
-def test_each_side_of_a_ceiling_is_a_hypothesis(bump_m):
-    """Four anchors nearly in a plane leave the places above and below it open."""
-    anchors = {'c0': (0, 0, 3), 'c1': (8, 0, 3 + bump_m), 'c2': (8, 6, 3), 'c3': (0, 6, 3)}
-    places = {'r': (3.0, 2.0, 1.0)}
-    estimate = answer(anchors, places, dimension=3)
-    assert estimate.n_hypotheses == len(estimate.placements) == 2
-    assert n_holding(estimate, places) == 1
-    assert nearest_deviations(estimate, places) < 4.0
 
 
 def test_one_place_is_one_hypothesis():
     """Where the robot is near the line, or the anchors are far from one, the places touch."""
-    wall = {'w0': (0.0, 0.0), 'w1': (5.0, 1e-3), 'w2': (9.0, 0.0)}
-    assert answer(wall, {'r': (3.0, 0.1)}).n_hypotheses == 1
+    assert answer(bent(WALL, 1e-3), {'r': (3.0, 0.1)}).n_hypotheses == 1
     hall = {'a': (0.0, 0.0), 'b': (9.0, 0.0), 'c': (0.0, 7.0)}
     assert answer(hall, {'r': (3.0, 2.0), 's': (6.0, 5.0)}).n_hypotheses == 1
 

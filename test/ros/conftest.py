@@ -142,6 +142,7 @@ class Bench:
         self.node = Node('bench', context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
+        # What is sent again and again: sensor data is best effort, and the first may be lost.
         self.sending = []
         self._next_send_s = 0.0
         self._publishers = {}
@@ -285,10 +286,6 @@ class Bench:
             return values if int(values.get(name, '0')) else None
 
         return self.until(reached, f"'{part}' with a count of {name}")
-
-    def repeat(self, *sends):
-        """Keep calling these: sensor data is best effort, and the first messages may be lost."""
-        self.sending = list(sends)
 
     def call(self, name, service, request=None):
         if name not in self._clients:

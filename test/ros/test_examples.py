@@ -45,7 +45,7 @@ def test_example_of_the_readme_localizes(bench, start_localizer, tmp_path, monke
         for topic, centimetres in CENTIMETRES.items():
             bench.publisher(Float32, topic).publish(Float32(data=centimetres))
 
-    bench.repeat(send)
+    bench.sending = [send]
     bench.until_placements(2)
     # Sides 3, 4 and 5 m long, b on the x axis of a, c on either side.
     positions_m = bench.last_poses().positions_m.reshape(2, 3, 3)

@@ -349,7 +349,7 @@ def test_a_fleet_whose_radios_share_one_topic_is_localized(bench, make_node):
     def send(text):
         bench.publisher(String, '/uwb').publish(String(data=text))
 
-    bench.repeat(partial(send, '1 2:3.0 3:4.0'), partial(send, '2 3:5.0 66:1.0'))
+    bench.sending = [partial(send, '1 2:3.0 3:4.0'), partial(send, '2 3:5.0 66:1.0')]
     bench.until_placements(2)
     bench.until_status('input range robot_1->robot_2', Level.OK, 'in use')
     bench.until_status('input range robot_2->id 66', Level.WARN, "'id 66' is not one of")
@@ -382,7 +382,7 @@ def test_a_camera_and_its_detections_turn_a_fleet(bench, make_node, text_message
         positions_m = bench.last_poses().positions_m[:, :2]
         return np.abs(positions_m - [[0.0, 0.0], [0.0, 3.0], [-4.0, 3.0]]).max() < 0.4
 
-    bench.repeat(send)
+    bench.sending = [send]
     bench.until(is_there, 'one placement, turned by the camera')
     bench.until_status('input camera robot_1', Level.OK, 'in use')
     bench.until_status('input peers robot_1', Level.OK, 'in use')

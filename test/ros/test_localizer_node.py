@@ -139,22 +139,30 @@ def test_answer_that_ends_after_the_clock_went_back_is_not_published(bench, make
     assert all(not array.poses for array in bench.heard.fleet)
 
 
-def test_defect_of_the_estimate_is_an_error_and_no_answer(bench, make_node):
-    class Failing(Localizer):
-        fails = False
+def after(first):
+    """Return a class of localizers that call a function with what may cancel an estimate first."""
 
+    class Later(Localizer):
         def estimate(self, snapshot, cancel=None):
-            if Failing.fails:
-                raise ArithmeticError('no idea')
+            first(cancel)
             return super().estimate(snapshot, cancel)
 
-    make_node(make_localizer=Failing)
+    return Later
+
+
+def no_idea(*_):
+    raise ArithmeticError('no idea')
+
+
+def test_defect_of_the_estimate_is_an_error_and_no_answer(bench, make_node):
+    first = Mock()
+    make_node(make_localizer=after(first))
     bench.play_triangle()
     bench.until_placements(2)
-    Failing.fails = True
+    first.side_effect = no_idea
     bench.until_status('fleet', Level.ERROR, 'internal error: ArithmeticError: no idea')
     bench.until(lambda: not bench.heard.fleet[-1].poses, 'an empty array')
-    Failing.fails = False
+    first.side_effect = None
     bench.until_status('fleet', Level.WARN, 'ambiguous')
 
 
@@ -187,10 +195,7 @@ def test_slow_solver_is_logged_once_and_shown_for_as_long(bench, start_localizer
 
 
 def test_defect_of_the_warm_up_is_logged_and_no_more(bench, make_node):
-    def fail():
-        raise ArithmeticError('no idea')
-
-    make_node(load=fail)
+    make_node(load=no_idea)
     bench.play_triangle()
     bench.until_placements(2)
 
@@ -214,13 +219,11 @@ def test_what_waits_at_a_reset_does_not_count_after_it(bench, make_node):
 def test_running_estimate_is_cancelled_by_a_reset(bench, make_node):
     cancels = []
 
-    class Lingering(Localizer):
-        def estimate(self, snapshot, cancel=None):
-            cancels.append(cancel)
-            cancel.wait(timeout=30.0)
-            return super().estimate(snapshot)
+    def linger(cancel):
+        cancels.append(cancel)
+        cancel.wait(timeout=30.0)
 
-    make_node(make_localizer=Lingering)
+    make_node(make_localizer=after(linger))
     bench.until(lambda: cancels, 'a running estimate')
     first = cancels[0]
     assert not first.is_set()
@@ -321,20 +324,16 @@ def test_solver_that_hangs_is_reported_and_comes_back(bench, make_node, monkeypa
     monkeypatch.setattr(worker, 'PATIENCE_S', 1.0)
     release, hanging = Event(), Event()
 
-    class Hanging(Localizer):
-        hangs = False
+    def hang(_):
+        first.side_effect = None
+        hanging.set()
+        assert release.wait(DEADLINE_S)
 
-        def estimate(self, snapshot, cancel=None):
-            if Hanging.hangs:
-                Hanging.hangs = False
-                hanging.set()
-                assert release.wait(DEADLINE_S)
-            return super().estimate(snapshot, cancel)
-
-    make_node(make_localizer=Hanging)
+    first = Mock()
+    make_node(make_localizer=after(first))
     bench.play_triangle()
     bench.until_placements(2)
-    Hanging.hangs = True
+    first.side_effect = hang
     bench.until(hanging.is_set, 'an estimate that hangs')
     bench.clear()
     bench.until_status('fleet', Level.WARN, 'late: the last answer is')
@@ -348,7 +347,7 @@ def test_solver_that_hangs_is_reported_and_comes_back(bench, make_node, monkeypa
 
 def test_after_a_backlog_what_is_taken_is_young_enough(bench, make_node):
     node = make_node(robots=['robot_1', 'robot_2'], max_age=1.6)
-    bench.repeat(partial(bench.send_range, 'robot_1', 'robot_2', 3.0))
+    bench.sending = [partial(bench.send_range, 'robot_1', 'robot_2', 3.0)]
     bench.until_count('input range robot_1->robot_2', 'accepted')
     bench.forget()
     bench.executor.remove_node(node)
@@ -367,9 +366,9 @@ def test_negative_time_on_the_clock_does_not_end_the_node(bench, start_localizer
     process = start_localizer('-p', "robots:=['robot_1', 'robot_2']", '-p', 'use_sim_time:=true')
     clock = bench.publisher(Clock, '/clock')
     bench.until_status('fleet', Level.WARN, 'nothing has arrived on /clock')
-    bench.repeat(partial(clock.publish, Clock(clock=Time(sec=-1))))
+    bench.sending = [partial(clock.publish, Clock(clock=Time(sec=-1)))]
     bench.until(lambda: 'must not be negative' in process.output(), 'a word about it')
-    bench.repeat(partial(bench.send_clock, 100.0))
+    bench.sending = [partial(bench.send_clock, 100.0)]
     bench.until_status('fleet', Level.WARN, 'time has stood still')
     bench.sending = []
     assert process.process.poll() is None
@@ -380,18 +379,18 @@ def test_negative_time_on_the_clock_does_not_end_the_node(bench, start_localizer
 def test_callback_that_raises_is_reported_and_the_node_goes_on():
     calls = []
 
-    class Failing(Node):
-        def __init__(self):
-            super().__init__('failing')
-            self.create_timer(0.01, self.fail)
+    def fail():
+        calls.append('call')
+        if len(calls) == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+        no_idea()
 
-        def fail(self):
-            calls.append(self)
-            if len(calls) == 3:
-                os.kill(os.getpid(), signal.SIGINT)
-            raise ArithmeticError('no idea')
+    def failing():
+        node = Node('failing')
+        node.create_timer(0.01, fail)
+        return node
 
-    spinning.spin(Failing, [], '')
+    spinning.spin(failing, [], '')
     assert len(calls) >= 3
 
 
@@ -402,7 +401,7 @@ def test_stranger_of_another_type_does_not_silence_an_input(bench, make_node, no
     status = bench.until_status(name, Level.WARN, 'wrong type')
     assert 'std_msgs/msg/String' in status.message and 'sensor_msgs/msg/Range' in status.message
     node.destroy_publisher(publisher)
-    bench.repeat(partial(bench.send_range, 'robot_1', 'robot_2', 3.0))
+    bench.sending = [partial(bench.send_range, 'robot_1', 'robot_2', 3.0)]
     bench.until_status(name, Level.OK, 'in use')
 
 
@@ -414,7 +413,7 @@ def test_huge_cloud_is_counted_and_the_node_answers(bench, make_node):
         bench.publisher(PointCloud2, '/robot_1/peers').publish(cloud)
         bench.send_triangle()
 
-    bench.repeat(send)
+    bench.sending = [send]
     bench.until_status('input peers robot_1', Level.WARN, 'the message has 10000')
     bench.until_placements(2)
 

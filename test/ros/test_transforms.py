@@ -188,14 +188,14 @@ def place_of_odometry(x, y):
 
 def test_the_node_places_the_body_and_falls_silent_with_its_sensors(bench, make_node, heard):
     make_anchored_node(make_node, publish_tf=True)
-    bench.repeat(lambda: send_anchored_robot(bench))
+    bench.sending = [lambda: send_anchored_robot(bench)]
     bench.until(lambda: heard, 'a transform')
     ((entry,), *_) = heard
     assert (entry.header.frame_id, entry.child_frame_id) == ('map', 'robot_1/base_link')
     assert place_of(entry) == pytest.approx(PLACE, abs=0.4)
     turned = xyzw_from_message(entry.transform.rotation)
     assert abs(turned @ quaternion_of_yaw(YAW_RAD)) > math.cos(0.1)
-    bench.repeat()
+    bench.sending = []
     bench.until_status('fleet', Level.WARN, 'stale')
     del heard[:]
     bench.clear()
@@ -215,7 +215,7 @@ def test_no_time_has_two_transforms(bench, make_node, heard):
             sent_s.append(now_s)
             bench.send_odometry('robot_1', (0.0, 0.0))
 
-    bench.repeat(send)
+    bench.sending = [send]
     bench.until(lambda: len(heard) > 10, 'transforms')
     stamps = {(entry.header.stamp.sec, entry.header.stamp.nanosec) for (entry,) in heard}
     assert len(stamps) == len(heard)
@@ -235,7 +235,7 @@ def test_nothing_lies_between_the_poses_before_and_after_a_restart_of_odometry(
         # The robot stands still; every half second its odometry starts anew.
         bench.send_odometry('robot_1', (50.0 if n_sent[0] // 5 % 2 else 1.0, 2.0))
 
-    bench.repeat(send)
+    bench.sending = [send]
     bench.until(lambda: n_sent[0] > 40 and len(heard) > 40, 'transforms')
     true_places = [place_of_odometry(x, 2.0) for x in (1.0, 50.0)]
     for (entry,) in heard:

@@ -1,19 +1,16 @@
 # Copyright 2026 dg_localization contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Cartesian enclosures against exact coordinates, and boxes of coordinates cut by distances."""
+"""Cartesian enclosures against exact coordinates."""
 
 import itertools
 
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 from solver_cases import squared_distances
 
-from dg_localization.solver.contract.coordinates import (
-    contract_coordinate_boxes,
-    enclose_coordinates,
-)
+from dg_localization.solver.contract.coordinates import enclose_coordinates
 
 mpmath = pytest.importorskip('mpmath')
 
@@ -61,27 +58,3 @@ def test_every_point_is_enclosed(seed):
                 low, high = enclosure[point, :, axis].tolist()
                 exact = coordinates[point][axis]
                 assert low <= exact + slack and exact - slack <= high, (point, axis)
-
-
-@settings(derandomize=False)
-@given(
-    places=st.lists(st.tuples(st.integers(-9, 9), st.integers(-9, 9)), min_size=2, max_size=5),
-    slack=st.floats(0.0, 3.0),
-    margin=st.floats(0.0, 20.0),
-)
-def test_coordinate_boxes_keep_every_true_point(places, slack, margin):
-    points = np.array(places, dtype=float)
-    squared = ((points[:, None] - points[None]) ** 2).sum(axis=-1)
-    lower, upper = np.maximum(squared - slack, 0.0), squared + slack
-    low, high = points - margin, points + margin
-    low[0], high[0] = points[0], points[0]
-    assert contract_coordinate_boxes(low, high, lower, upper)
-    assert (low <= points).all()
-    assert (points <= high).all()
-
-
-def test_coordinate_boxes_without_a_point_are_empty():
-    low, high = np.zeros((2, 2)), np.ones((2, 2))
-    lower = np.array([[0.0, 100.0], [100.0, 0.0]])
-    upper = np.array([[0.0, 200.0], [200.0, 0.0]])
-    assert not contract_coordinate_boxes(low, high, lower, upper)
