@@ -7,12 +7,15 @@ from collections import Counter
 from itertools import combinations
 import re
 
+from habits import CLIMBING_M_S
+from histories import History
 import numpy as np
 import pytest
 from sensing import add_odometry, add_ranges, new_localizer
 from test_pieces import TWO_FOURS_M, strip_m
 
-from dg_localization import Verdict
+from dg_localization import SolverOptions
+from dg_localization.fleet import Localizer, RangeErrorModel
 
 NOW_S = 10.0
 TWO_FOURS = {f'r{k}': place_m for k, place_m in enumerate(TWO_FOURS_M, 1)}
@@ -45,14 +48,6 @@ def strip(length):
     names = [*places]
     fours = [' '.join(names[2 * k : 2 * k + 4]) for k in range(length)]
     return places, sorted(set(within(*fours)))
-
-
-def test_hypotheses_are_counted_without_being_listed():
-    places, pairs = strip(20)
-    estimate = localizer_of(places, pairs, max_hypotheses=4).step(NOW_S)
-    assert estimate.verdict is Verdict.COVERED
-    assert estimate.n_hypotheses == 2**20
-    assert len(estimate.placements) == 4
 
 
 def test_a_range_would_fix_a_hinge():
@@ -114,38 +109,19 @@ def test_what_swings_about_a_sensor_is_flexible(sensors):
     assert held.placements and not any(placement.flexible for placement in held.placements)
 
 
-def drawn_fleet(rng, dimension):
-    """Return a drawn fleet with sensors away from centers: settings, places, and who measures."""
-    robots = [f'r{k}' for k in range(int(rng.integers(2, 6)))]
-    anchors = [f'a{k}' for k in range(int(rng.choice([0, 2, 3])))]
-    places = {name: rng.uniform(0.0, 10.0, dimension) for name in (*robots, *anchors)}
-    body_of = {name: name for name in places}
-    mounts = {}
-    for robot in robots:
-        if rng.random() < 0.5:
-            turn = np.linalg.qr(rng.normal(size=(dimension, dimension)))[0]
-            turn[:, 0] *= np.sign(np.linalg.det(turn))
-            arms = rng.uniform(-1.0, 1.0, (int(rng.integers(1, 4)), dimension))
-            mounts[robot] = {f's{k}': tuple(arm) for k, arm in enumerate(arms.tolist())}
-            for sensor, arm in mounts[robot].items():
-                places[f'{robot}/{sensor}'] = places[robot] + turn @ arm
-                body_of[f'{robot}/{sensor}'] = robot
-    settings = {
-        'robots': tuple(robots),
-        'anchors': {name: places[name] for name in anchors},
-        'mounts': mounts,
-        'dimension': dimension,
-        'solver': {'resolution': 0.05, 'max_boxes': 30},
-        'max_hypotheses': 2,
-    }
-    measuring = [name for name in places if name not in mounts]
-    pairs = [
-        pair
-        for pair in combinations(measuring, 2)
-        if body_of[pair[0]] != body_of[pair[1]] and not {*pair} <= {*anchors}
-    ]
-    chosen = rng.permutation(len(pairs))[: int(rng.integers(1, 4 * len(robots)))]
-    return settings, places, [pairs[k] for k in chosen], body_of
+def drawn_fleet(seed, dimension):
+    """Return a fleet at rest with sensors away from centers, some points of which measure."""
+    rng = np.random.default_rng(seed)
+    robots, anchors = int(rng.integers(2, 6)), int(rng.choice([0, 2, 3]))
+    kind = {'cameras': False, 'pace': 0.0, 'odometry': 0.0, 'max_speed_m_s': CLIMBING_M_S}
+    kind |= {'range_error': RangeErrorModel(0.0, 0.0, -1e-3, 1e-3), 'max_hypotheses': 2}
+    kind |= {'solver': SolverOptions(resolution=0.05, max_boxes=30)}
+    history = History.draw(
+        seed, robots, anchors, 0.5, int(rng.integers(robots)), dimension, **kind
+    )
+    seen = rng.permutation(sorted({observed[:2] for observed in history.observed})).tolist()
+    history.unranged = {*map(tuple, seen[int(rng.integers(1, 4 * robots)) :])}
+    return history
 
 
 class Motions:
@@ -176,15 +152,13 @@ class Motions:
 def test_what_is_called_rigid_or_fixed_is_by_the_rank_of_what_is_measured(dimension):
     called = Counter()
     for seed in range(1, 30 if dimension == 2 else 50):
-        settings, places, pairs, body_of = drawn_fleet(np.random.default_rng(seed), dimension)
-        estimate = localizer_of(places, pairs, **settings).step(NOW_S)
-        anchors = settings['anchors'].keys()
-        same = [
-            (first, second)
-            for first, second in combinations(places, 2)
-            if body_of[first] == body_of[second] or {first, second} <= anchors
-        ]
-        motions = Motions(places, [*pairs, *same], dimension)
+        history = drawn_fleet(seed, dimension)
+        ((_, estimate),) = history.play(Localizer(history.config), [0.5])
+        pairs = [link.key.ends for link in estimate.links if not link.stale]
+        points = history.config.points
+        of_bodies = combinations(range(len(points)), 2)
+        same = [(points[i], points[j]) for i, j in of_bodies if history.body(i) == history.body(j)]
+        motions = Motions(points, [*pairs, *same], dimension)
         for group in estimate.rigid_groups:
             called['rigid'] += 1
             assert motions.hold(group), (seed, group)
@@ -194,9 +168,11 @@ def test_what_is_called_rigid_or_fixed_is_by_the_rank_of_what_is_measured(dimens
                 called['fixed'] += 1
                 first, second, *hinge = [*found.groups()[:2], *found[3].split(', ')]
                 assert not motions.hold([first, second]), (seed, text)
-                after = Motions(places, [*pairs, *same, (first, second)], dimension)
+                after = Motions(points, [*pairs, *same, (first, second)], dimension)
                 assert after.hold([first, second, *hinge]), (seed, text)
-        measured = {name for pair in pairs for name in pair} | anchors
+        measured = {name for pair in pairs for name in pair}
+        if estimate.frame and estimate.frame.kind == 'anchors':
+            measured |= history.config.anchors.keys()
         for placement in estimate.placements:
             if np.isfinite(placement.positions_m).all() and not placement.flexible:
                 called['not flexible'] += 1

@@ -19,6 +19,7 @@ import pytest
 from recorder import Recorder
 from small_bags import read
 
+from benchmarks import beside
 from dg_localization.ros.executables import localize_bag
 
 REPOSITORY = Path(__file__).parents[2]
@@ -41,27 +42,21 @@ TABLES = {
 }
 
 
-def rows_of(path):
-    return [line.split(',') for line in path.read_text().split()[1:]] if path.exists() else []
-
-
-def record(folder, name, bag):
+def record(recording, bag):
     """Write a recording of one robot among anchors as a bag, with its parameters."""
     recorder = Recorder()
-    for text, anchor, range_m in rows_of(folder / 'ranges.csv'):
-        stamp_s = START_S + float(text)
-        recorder.add_range('robot', anchor, float(range_m), stamp_s, stamp_s)
-    for row in rows_of(folder / 'odometry.csv'):
-        stamp_s, x, y, yaw = map(float, row)
-        recorder.add_odometry('robot', (x, y), yaw, START_S + stamp_s)
+    for second, anchor, range_m in recording.ranges:
+        recorder.add_range('robot', anchor, range_m, START_S + second, START_S + second)
+    for second, *place_m, yaw in recording.odometry:
+        recorder.add_odometry('robot', place_m, yaw, START_S + second)
     recorder.write(bag)
-    places = {row[0]: [float(one) for one in row[1:]] for row in rows_of(folder / 'anchors.csv')}
+    places = {name: place_m.tolist() for name, place_m in recording.anchors.items()}
     fields = ('min_error', 'max_error', 'min_error_relative', 'max_error_relative')
     fleet = {
         'robots': ['robot'],
-        'dimension': len(next(iter(places.values()))),
+        'dimension': recording.dimension,
         'anchors': {'names': list(places), **{n: {'position': p} for n, p in places.items()}},
-        'range': dict(zip(fields, TABLES[name], strict=True)),
+        'range': dict(zip(fields, TABLES[recording.name], strict=True)),
         'max_outliers': 1,
         'max_speed': 2.0,
         'rate': 2.0,
@@ -82,7 +77,7 @@ def bag_of(name, shared, bag):
         table = shared / 'data/lias_uwb/UWB_static_exp_8_14_pos1_deg_120.csv'
         assert convert_lias.convert(shared / 'data/lias_uwb/geometry.json', table, bag) == 3
         return bag, bag.with_suffix('.yaml'), 10
-    return record(shared / 'data' / name, name, bag)
+    return record(beside.read(shared / 'data', name), bag)
 
 
 @pytest.mark.parametrize('name', ['tiers', 'mrclam', 'lias', *TABLES])
