@@ -50,6 +50,7 @@ class LinearPrograms(NamedTuple):
     table: np.ndarray  # (f + 2, f): unknowns, the function, and the function without ties
     active: np.ndarray  # (f,)
     values: np.ndarray  # (m,): values of the rows with the active ones at their bounds
+    reached: np.ndarray  # (2, f): the least and greatest unknowns at all maxima found so far
 
 
 @kernel
@@ -65,7 +66,8 @@ def new_programs(slopes: np.ndarray, bounds: np.ndarray) -> LinearPrograms:
             scales[m] = 1.0 / math.sqrt(square)
     table = np.eye(n_unknowns + 2, n_unknowns)
     active = np.arange(n_rows - n_unknowns, n_rows)
-    return LinearPrograms(slopes, bounds, scales, table, active, np.empty(n_rows))
+    values, reached = np.empty(n_rows), np.zeros((2, n_unknowns))
+    return LinearPrograms(slopes, bounds, scales, table, active, values, reached)
 
 
 @kernel(borrows=True)
@@ -220,6 +222,9 @@ def find_multipliers(programs: LinearPrograms, tolerance: float) -> None:
         _move_to_vertex(programs, vertex, displaced)
         row = _leaving_row(programs, displaced, tolerance, widest)
         if row < 0:
+            for x in range(n_unknowns):
+                programs.reached[LOW, x] = min(programs.reached[LOW, x], displaced[x])
+                programs.reached[HIGH, x] = max(programs.reached[HIGH, x], displaced[x])
             break
         value = programs.values[row]
         low, high = programs.bounds[row, LOW], programs.bounds[row, HIGH]

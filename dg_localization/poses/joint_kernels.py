@@ -153,6 +153,8 @@ def narrow_box(box: np.ndarray, table: np.ndarray, passes: int) -> int:
             ends = np.ones(2)
             for end in range(2):
                 sign = 1.0 if end == HIGH else -1.0
+                if sign * programs.reached[end, column] > 1.0 - LEAST_GAIN:
+                    continue
                 programs.table[len(open_columns)] = sign * programs.table[column]
                 find_multipliers(programs, TOLERANCE)
                 ends[end] = min(1.0, _bound(programs, slopes, bounds, unknown, sign))
