@@ -14,33 +14,27 @@ import pytest
 
 REPOSITORY = Path(__file__).parents[1]
 
-# For each package those of this project that it may import besides itself.
-ALLOWED = {
-    'dg_localization': {'dg_localization.solver'},
-    'dg_localization.compile_kernels': {'dg_localization.fleet', 'dg_localization.interval'},
-    'dg_localization.optional': set(),
-    'dg_localization.interval': {'dg_localization.optional'},
-    'dg_localization.solver': {'dg_localization.interval'},
-    'dg_localization.poses': {'dg_localization.interval', 'dg_localization.solver'},
-    'dg_localization.fleet': {
-        'dg_localization',
-        'dg_localization.interval',
-        'dg_localization.solver',
-        'dg_localization.poses',
-    },
-    'dg_localization.calibration': {'dg_localization.fleet'},
-    'dg_localization.simulation': set(),
-    'dg_localization.ros': {
-        'dg_localization',
-        'dg_localization.calibration',
-        'dg_localization.optional',
-        'dg_localization.solver',
-        'dg_localization.fleet',
-        'dg_localization.simulation',
-        'msg_adapters',
-    },
+# For each room of the project those that it may import besides itself; '' is the package itself.
+ROOMS_BELOW = {
+    '': {'solver'},
+    'compile_kernels': {'fleet', 'interval'},
+    'optional': set(),
+    'interval': {'optional'},
+    'solver': {'interval'},
+    'poses': {'interval', 'solver'},
+    'fleet': {'', 'interval', 'solver', 'poses'},
+    'calibration': {'fleet'},
+    'simulation': set(),
+    'ros': {'', 'calibration', 'optional', 'solver', 'fleet', 'simulation', 'msg_adapters'},
     'msg_adapters': set(),
 }
+
+
+def package_called(room):
+    return room if room == 'msg_adapters' else f'dg_localization.{room}'.rstrip('.')
+
+
+ALLOWED = {package_called(a): {*map(package_called, others)} for a, others in ROOMS_BELOW.items()}
 ROS_FREE = tuple(ALLOWED.keys() - {'dg_localization.ros', 'msg_adapters'})
 ROS = re.compile(r'(rclpy|rosbags|ament_index_python|\w+_(msgs|srvs|interfaces))(\.|$)')
 

@@ -33,14 +33,8 @@ FILES = sorted(FOLDER.glob('*.txt'))
 ENTRY = re.compile(r'^([a-z0-9][a-z0-9._-]*)==(\S+)', re.IGNORECASE | re.MULTILINE)
 # The keys of package.xml that are no ROS packages, each an apt package in rosdistro's
 # rosdep/python.yaml. With a pip key the package could not be released.
-ROSDEP_KEYS = {
-    'python3-hypothesis',
-    'python3-numba',
-    'python3-numpy',
-    'python3-pytest',
-    'python3-pytest-timeout',
-    'python3-yaml',
-}
+NAMES = 'hypothesis', 'numba', 'numpy', 'pytest', 'pytest-timeout', 'yaml'
+ROSDEP_KEYS = {f'python3-{name}' for name in NAMES}
 
 
 @pytest.fixture(scope='module')

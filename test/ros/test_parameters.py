@@ -40,6 +40,7 @@ NAMED = {
     'mounts.names': ['a/left'],
     'mounts.a.left.position': [0.3, 0.2],
 }
+LINK, WHEELS = '/t sensor_msgs/msg/Range a b', 'nav_msgs/msg/Odometry a'
 BARO = '/baro geometry_msgs/msg/PointStamped a min_error=-1.0'
 
 
@@ -193,21 +194,9 @@ def test_every_file_and_example_of_a_page_gives_settings(name):
         ('elevation.min_error', 0.6, 'must be at most elevation.max_error'),
         ('elevation.topic', '{observer}/depth', "is not allowed without 'elevations.names'"),
         ('links', ['/t sensor_msgs/msg/PointCloud2 *'], 'do not say who measured; name the obs'),
-        (
-            'links',
-            ['/t sensor_msgs/msg/Range a b max_error=1.0 max_error=0.1'],
-            "'max_error' is named twice",
-        ),
-        (
-            'links',
-            ['/s nav_msgs/msg/Odometry a', '/t nav_msgs/msg/Odometry a'],
-            "the odometry of 'a' is named 2 times",
-        ),
-        (
-            'links',
-            ['/t sensor_msgs/msg/Range a b', 't sensor_msgs/msg/Range b a'],
-            "topic '/t' is named twice",
-        ),
+        ('links', [f'{LINK} max_error=1.0 max_error=0.1'], "'max_error' is named twice"),
+        ('links', [f'/s {WHEELS}', f'/t {WHEELS}'], "the odometry of 'a' is named 2 times"),
+        ('links', [LINK, 't sensor_msgs/msg/Range b a'], "topic '/t' is named twice"),
         ('solver.resolutoin', 0.1, "'solver.resolutoin' is unknown; did you mean 'solver.resol"),
         ('robot_max_speed.z', 1.0, "'robot_max_speed.z' is unknown; name its point in 'robots'"),
         ('anchors.beacon.position', [0.0, 0.0], "name its point in 'anchors.names'"),
