@@ -178,15 +178,10 @@ def test_the_ends_are_known_to_a_stamp_that_is_rounded_otherwise(start_s, off_s)
     assert np.isnan(track.positions_at(stamps[[0, -1]] + [-1e-5, 1e-5])).all()
 
 
-def pitched(yaw_rad, pitch_rad):
-    """Return the quaternion of a body that pitches after it has turned."""
-    return quaternion_of_euler(0.0, pitch_rad, yaw_rad)
-
-
 @pytest.mark.parametrize('height_m', [1.2, math.nan])
 def test_in_the_plane_heights_and_tilt_of_the_truth_are_no_errors_of_rays(height_m):
     """A camera that is exact in the plane, on a body that the truth tells is tilted."""
-    robot = TrueTrack([0.0, 1.0], [[0.0, 0.0, 0.2]] * 2, [pitched(0.3, 0.1)] * 2)
+    robot = TrueTrack([0.0, 1.0], [[0.0, 0.0, 0.2]] * 2, [quaternion_of_euler(0.0, 0.1, 0.3)] * 2)
     target = TrueTrack([0.0, 1.0], [[2.0, 2.0, height_m]] * 2)
     azimuth = 0.25 * math.pi - 0.3
     ray = [[math.cos(azimuth), math.sin(azimuth), 0.0]]

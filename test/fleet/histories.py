@@ -409,10 +409,6 @@ def draw_mounts(rng, dimension):
     }
 
 
-def localizer_of(history):
-    return Localizer(history.config)
-
-
 def truth_is_inside(history, time_s, estimate):
     """Return whether the truth lies in an estimate and in each of its groups."""
     answers = [(estimate.frame, estimate.placements)] if estimate.placements else []
@@ -466,7 +462,7 @@ def play_without_a_loss(history, ticks_s, resets=False):
             localizer.reset()
         return localizer
 
-    for time_s, estimate in history.play(localizer_of(history), ticks_s, between):
+    for time_s, estimate in history.play(Localizer(history.config), ticks_s, between):
         assert estimate.verdict is not Verdict.INFEASIBLE, estimate.reason
         assert not estimate.forgotten, estimate.forgotten
         assert estimate.n_hypotheses >= len(estimate.placements)

@@ -27,14 +27,6 @@ def attitude(yaw, pitch=0.0, roll=0.0):
     return turn(2, yaw) @ turn(1, pitch) @ turn(0, roll)
 
 
-def rotation_about(vector):
-    """Return the rotation about a vector by its length."""
-    angle = np.linalg.norm(vector)
-    x, y, z = vector / max(angle, 1e-300)
-    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew
-
-
 def angle_of(rotation):
     """Return the angle of a rotation, small ones to all their digits."""
     axis = rotation - rotation.T

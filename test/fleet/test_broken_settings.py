@@ -173,9 +173,11 @@ def test_stamps_that_are_more_wrong_than_is_stated_are_noticed(odometry):
     assert not all(robot.holding(estimate) for estimate in answers)
 
 
-def turning(**settings):
-    """Return a localizer of a robot that turns on the spot among anchors, with a camera."""
-    return new_localizer(
+@pytest.mark.parametrize('with_odometry', [False, True])
+@pytest.mark.parametrize('ahead_s', [-0.05, 0.05])
+def test_a_ray_with_the_stamp_of_the_answer_may_be_of_another_time(ahead_s, with_odometry):
+    """A robot with a camera turns on the spot."""
+    localizer = new_localizer(
         ('r',),
         anchors=ANCHORS_M,
         range_error=(-1e-3, 1e-3, 0.0, 0.0),
@@ -183,14 +185,8 @@ def turning(**settings):
         max_speed_m_s=0.0,
         max_turn_rate_rad_s=1.01,
         memory_s=0.0,
-        **settings,
+        stamp_error_s=0.05,
     )
-
-
-@pytest.mark.parametrize('with_odometry', [False, True])
-@pytest.mark.parametrize('ahead_s', [-0.05, 0.05])
-def test_a_ray_with_the_stamp_of_the_answer_may_be_of_another_time(ahead_s, with_odometry):
-    localizer = turning(stamp_error_s=0.05)
     measured_s, stamp_s, now_s = 100.0, 100.0 + ahead_s, 100.05
     if with_odometry:
         add_odometry(localizer, 'r', (0.0, 0.0), stamp_s, measured_s, now_s)

@@ -15,7 +15,6 @@ from histories import (
     SECONDS,
     History,
     draw_any,
-    localizer_of,
     play_without_a_loss,
     ticks_of,
     truth_is_inside,
@@ -27,7 +26,7 @@ from shapes import check_form
 
 from dg_localization import Verdict
 from dg_localization.calibration.truth import FleetTruth, TrueTrack
-from dg_localization.fleet import FrameKind, OdometryErrorModel, RangeErrorModel
+from dg_localization.fleet import FrameKind, Localizer, OdometryErrorModel, RangeErrorModel
 import dg_localization.fleet.localizer as localizer_room
 from dg_localization.fleet.rotations import quaternion_of
 from dg_localization.fleet.window.forgetting import Forgotten
@@ -82,7 +81,7 @@ def test_after_a_broken_bound_the_window_recovers(seed, robots, anchors, mounted
     history = History.draw([seed, anchors], robots, anchors, 14.0, mounted, **settings)
     history.drives[0].kick(round(kicked_s / 0.1), [1.5, -2.0, 0.0])
     forgot = []
-    for time_s, estimate in history.play(localizer_of(history), np.arange(1.0, 14.0, 0.7)):
+    for time_s, estimate in history.play(Localizer(history.config), np.arange(1.0, 14.0, 0.7)):
         forgot += estimate.forgotten
         if time_s < kicked_s - 0.1 or time_s > kicked_s + memory_s:
             assert truth_is_inside(history, time_s, estimate), time_s
@@ -103,7 +102,7 @@ def test_no_pose_is_lost_by_sensors_without_odometry(seed, outliers):
     history.lies = dict.fromkeys(history.observed[3 : 3 + outliers], 2.0)
     points = history.config.points
     history.unranged = {*product(range(len(points)), (points.index('a0'), points.index('a2')))}
-    localizer = localizer_of(history)
+    localizer = Localizer(history.config)
     localizer.add_odometry = lambda *_: None
     known = []
     for time_s, estimate in history.play(localizer, np.arange(0.5, 2.0, 0.25)):
@@ -184,7 +183,7 @@ def test_the_truth_is_put_in_every_kind_of_frame(dimension):
         )
         if history.config.stamp_error_s > 0.0:
             continue
-        fleet, localizer = history.config, localizer_of(history)
+        fleet, localizer = history.config, Localizer(history.config)
         if seed % 4 == 0:
             localizer.add_odometry = lambda *_: None
         tracks = {name: dense_track(history, row) for row, name in enumerate(fleet.robots)}
@@ -259,7 +258,7 @@ def test_an_estimate_that_was_overtaken_changes_nothing(history, monkeypatch):
         assert goes_on.wait(60.0)
         return forgetting(*arguments)
 
-    localizer, undisturbed = localizer_of(history), localizer_of(history)
+    localizer, undisturbed = Localizer(history.config), Localizer(history.config)
     wanted = [known_of(estimate) for _, estimate in history.play(undisturbed, TICKS_S)]
     found = []
     with ThreadPoolExecutor(1) as pool:
@@ -278,7 +277,7 @@ def test_an_estimate_that_was_overtaken_changes_nothing(history, monkeypatch):
 
 
 def test_an_estimate_that_fails_changes_nothing(history, monkeypatch):
-    localizer = localizer_of(history)
+    localizer = Localizer(history.config)
     for time_s, _ in history.play(localizer, TICKS_S):
         known = sets_of(localizer)
         with pytest.raises(RuntimeError, match='a defect'):
@@ -289,7 +288,7 @@ def test_an_estimate_that_fails_changes_nothing(history, monkeypatch):
 
 
 def test_the_estimate_of_a_snapshot_from_before_a_reset_changes_nothing(history, monkeypatch):
-    localizer, undisturbed = localizer_of(history), localizer_of(history)
+    localizer, undisturbed = Localizer(history.config), Localizer(history.config)
     for time_s, _ in history.play(localizer, TICKS_S):
         snapshot = localizer.snapshot(history.start_s + time_s)
     localizer.reset()

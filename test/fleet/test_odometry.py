@@ -38,15 +38,6 @@ def seen_from_last(positions, yaws):
     return (positions - positions[-1]) @ back.T, yaws - yaws[-1]
 
 
-def angles_of(turned):
-    """Return yaw, pitch and roll of a rotation."""
-    return (
-        math.atan2(turned[1, 0], turned[0, 0]),
-        -math.asin(turned[2, 0]),
-        math.atan2(turned[2, 1], turned[2, 2]),
-    )
-
-
 def path_of(stamps, track, error, limits=None):
     rotations = [attitude(yaw) for yaw in track[1]]
     dimension = 3 if track[0][:, 2].any() else 2
@@ -219,7 +210,8 @@ def test_yaw_and_tilt_change_faster_than_a_steep_body_turns():
     _, (error_rad,) = path.tilts([1.0])
     # Turned by 0.1 rad about its own upright axis: less than the limit in every angle of Euler.
     turned = steep @ attitude(0.1)
-    yaw, pitch, roll = angles_of(turned)
+    yaw, pitch = math.atan2(turned[1, 0], turned[0, 0]), -math.asin(turned[2, 0])
+    roll = math.atan2(turned[2, 1], turned[2, 2])
     assert 0.2 < yaw <= path.past_poses([0.0], 1.0).yaw_rad.upper[0]
     level, before = attitude(0.0, pitch, roll), attitude(0.0, 1.2, 0.0)
     apart_rad = math.acos(0.5 * (np.trace(before.T @ level) - 1.0))

@@ -106,14 +106,10 @@ def test_array_of_one_robot_leaves_unknown_positions_out_and_that_of_the_fleet_d
     assert math.isnan(fleet[3].position.x) and b[0].position.x == 3.0
 
 
-def estimated_covariances():
+def test_covariance_of_an_estimate_is_that_of_the_fit_with_a_floor():
     matrix = np.diag([0.04, 0.0001, 0.0, 0.0, 0.0, 0.02])
     matrix[0, 5] = matrix[5, 0] = 0.01
-    return np.array([matrix, matrix])
-
-
-def test_covariance_of_an_estimate_is_that_of_the_fit_with_a_floor():
-    made = estimate(placement(covariances=estimated_covariances()))
+    made = estimate(placement(covariances=np.array([matrix, matrix])))
     pose = unique_pose(made, 0, 'map', 0.05)
     assert np.diag(pose.covariance) == pytest.approx([0.04, 0.0025, 1e-6, 1e-6, 1e-6, 0.02])
     assert pose.covariance[0, 5] == pose.covariance[5, 0] == 0.01

@@ -4,6 +4,7 @@
 """Problems whose truth is known exactly: random fleets on integers."""
 
 from dataclasses import dataclass, replace
+from fractions import Fraction
 
 import numpy as np
 
@@ -34,6 +35,12 @@ def orientation(points):
 def squared_distances(positions):
     difference = positions[:, None] - positions[None]
     return (difference * difference).sum(axis=-1)
+
+
+def exact_squared(positions, i, j):
+    """Return the squared distance of two points in rational numbers."""
+    ends = positions[[i, j]].tolist()
+    return sum((Fraction(x) - Fraction(y)) ** 2 for x, y in zip(*ends, strict=True))
 
 
 def bounds(n_points, ranges):

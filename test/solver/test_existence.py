@@ -10,7 +10,7 @@ import math
 from hypothesis import given, strategies as st
 import numpy as np
 import pytest
-from solver_cases import bounds, orientation, squared_distances, symmetric
+from solver_cases import bounds, exact_squared, orientation, squared_distances, symmetric
 
 from dg_localization import Problem, solve
 from dg_localization.interval.arrays import Interval
@@ -71,11 +71,6 @@ def test_every_equation_of_a_proof_counts():
     off = np.einsum('ma,mak->mk', slopes, relative) - np.eye(len(pairs))
     norm = _contraction(Interval.point(slopes), Interval.point(inverse), pairs)
     assert np.abs(off[-1]).sum() * (1.0 - 1e-9) <= norm
-
-
-def exact_squared(positions, i, j):
-    points = [[Fraction(x) for x in positions[k].tolist()] for k in (i, j)]
-    return sum((x - y) ** 2 for x, y in zip(*points, strict=True))
 
 
 @given(st.integers(0, 2**32))

@@ -36,22 +36,16 @@ AXIS = 0, 1
 UNITS = 1e-14
 
 
-def difference_of_coordinates(ends, d_low, d_high):
-    """Bound t_2 - t_3 along the axis from 0 to 1, with the ends of A_2, B_2, A_3 and B_3."""
-    a_i, b_i, a_j, b_j = ends
-    i_low, i_high = sub(*a_i, *b_i)
-    j_low, j_high = sub(*a_j, *b_j)
-    low = -coordinate_difference_up(j_high, i_low, d_low, d_high)
-    return low, coordinate_difference_up(i_high, j_low, d_low, d_high)
-
-
 @given(st.integers(0, 2**32))
 def test_coordinate_difference_is_the_exact_range(seed):
     """The corner enumeration is the exact range: every squared distance occurs once."""
     rng = np.random.default_rng(seed)
     ends = np.sort(rng.integers(0, 1000, size=(4, 2)) * rng.choice([1e-6, 1.0, 1e6]))
     d_low, d_high = np.sort(rng.integers(1, 100, size=2)) * float(rng.choice([1e-3, 1.0, 1e3]))
-    low, high = difference_of_coordinates(ends, d_low, d_high)
+    # The bounds of t_2 - t_3 along the axis from 0 to 1, by the ends of A_2, B_2, A_3 and B_3.
+    (i_low, i_high), (j_low, j_high) = sub(*ends[0], *ends[1]), sub(*ends[2], *ends[3])
+    low = -coordinate_difference_up(j_high, i_low, d_low, d_high)
+    high = coordinate_difference_up(i_high, j_low, d_low, d_high)
     corners = [
         (ai - bi - aj + bj) / (2 * d)
         for ai, bi, aj, bj in itertools.product(*(map(Fraction, pair) for pair in ends.tolist()))

@@ -14,7 +14,15 @@ from types import SimpleNamespace
 from joined_cases import check_counts, solve_as_one
 import numpy as np
 import pytest
-from solver_cases import bounds, covers, holding, orientation, pairs_where, squared_distances
+from solver_cases import (
+    bounds,
+    covers,
+    exact_squared,
+    holding,
+    orientation,
+    pairs_where,
+    squared_distances,
+)
 
 from benchmarks.problems import (
     CONVEX,
@@ -35,15 +43,12 @@ def agrees_exactly(problem, positions):
     """Check every constraint of a problem with rational arithmetic."""
     points = [[Fraction(x) for x in point] for point in positions.tolist()]
 
-    def squared(i, j):
-        return sum((x - y) ** 2 for x, y in zip(points[i], points[j], strict=True))
-
     def side(face, apex):
         return orientation([points[point] for point in (*face, apex)])
 
     return (
         all(
-            problem.lower[i, j] <= squared(i, j) <= problem.upper[i, j]
+            problem.lower[i, j] <= exact_squared(positions, i, j) <= problem.upper[i, j]
             for i in range(len(points))
             for j in range(i)
         )

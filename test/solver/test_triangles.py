@@ -13,12 +13,8 @@ from solver_cases import bounds_around, box_of, squared_distances, symmetric
 from dg_localization.solver.contract.triangles import (
     contract_adjacent_side,
     contract_opposite_side,
-    smooth_triangles,
+    smooth,
 )
-
-
-def smooth(box):
-    return smooth_triangles(box, np.zeros_like(box), np.arange(box.shape[1], dtype=np.int64))
 
 
 def random_box(seed):
