@@ -263,7 +263,7 @@ def learn_odometry(
         # Bounds learned from other robots would replace the stated ones of these.
         models |= {robot: fleet.odometry_error_of(robot) for robot in others}
         notes.append(
-            f'Nothing was learned of the odometry of {", ".join(others)}: it is as it was stated.'
+            f'Nothing was learned about the odometry of {", ".join(others)}: it is as stated.'
         )
     return models, notes
 

@@ -59,7 +59,7 @@ class Admission:
     def check_elevated(self, name: str) -> None:
         """Refuse a name that is no point with a stated elevation."""
         if name in self._points and name not in self._config.elevations_m:
-            text = f'{name!r} has no stated elevation, which readings of it could narrow'
+            text = f'{name!r} has no stated elevation that a reading could narrow'
             raise RefusedError(RejectionReason.INVALID_ELEVATION, text)
         self.check_names(name)
 
@@ -73,8 +73,8 @@ class Admission:
         robot = self._config.robot_of(key.observer)
         if robot == self._config.robot_of(key.target):
             text = (
-                f'{key.observer!r} and {key.target!r} are both on robot {robot!r}: where they are '
-                'on it is known from its mounts'
+                f'{key.observer!r} and {key.target!r} are both on robot {robot!r}: its mounts '
+                'give their places'
             )
             raise RefusedError(RejectionReason.SAME_ROBOT, text)
         self.check_names(*key.points)
@@ -83,8 +83,8 @@ class Admission:
         )
         if key.reference and not of_one:
             text = (
-                f'{key.target!r} and {key.reference!r} are not two points of one body, which are '
-                'anchors, or a robot and its sensors'
+                f'{key.target!r} and {key.reference!r} are not two points of one body: both '
+                'must be anchors, or on one robot'
             )
             raise RefusedError(RejectionReason.SEVERAL_BODIES, text)
         self._links.add(key)

@@ -240,7 +240,7 @@ class MeasurementIntake(MeasurementStore):
             elif known_m := self._elevations.add(key.observer, reading_m, error, stamp, now_s):
                 text = (
                     f'{reading_m} m contradicts what is known: {known_m[0]:.3f} to '
-                    f'{known_m[1]:.3f} m; no reading before it counts either'
+                    f'{known_m[1]:.3f} m; earlier readings do not count either'
                 )
             if text:
                 raise RefusedError(RejectionReason.INVALID_ELEVATION, f'elevation {text}')

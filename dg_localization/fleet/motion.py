@@ -90,7 +90,7 @@ class OdometryTrack:
                 restart = f'frame {quoted(last.frame)} has become {quoted(reading.frame)}'
             elif elapsed_s > self._error.restart_gap_s:
                 restart = (
-                    f'nothing came for {elapsed_s:.3f} s, restart_gap is '
+                    f'no message for {elapsed_s:.3f} s, restart_gap is '
                     f'{self._error.restart_gap_s:g} s'
                 )
             elif self._is_back_at_zero(last, reading):

@@ -376,7 +376,7 @@ def test_a_damaged_time_does_not_make_a_bag_of_centuries(localize, tmp_path, tim
         base.execute('UPDATE messages SET timestamp = ? WHERE id = 5', [time_ns])
     code, report = localize(bag)
     assert code == 1 and report['ticks'] == 5
-    assert 'receive times of 1 messages are no times of ROS' in capsys.readouterr().out
+    assert 'receive times of 1 messages are not within' in capsys.readouterr().out
 
 
 @pytest.mark.parametrize('step', [0, 15, 30], ids=['first', 'in the middle', 'last'])
@@ -407,7 +407,7 @@ def test_a_gap_of_days_is_named_and_skipped(localize, recorder, step, days, caps
         ('version: 9', 'version: x', ''),
         ('bag.mcap', 'other.mcap', 'files are missing: other.mcap'),
         ('rosbag2_bagfile_information:', '{{{', 'metadata.yaml cannot be used'),
-        ('name: /b/range/c', 'name: /b/range/x', '/b/range/c: 21 messages are in the files'),
+        ('name: /b/range/c', 'name: /b/range/x', '/b/range/c: the files hold 21 messages'),
     ],
 )
 def test_a_bag_with_broken_metadata_is_read(localize, triangle_bag, before, after, said):
@@ -434,6 +434,7 @@ def test_topics_whose_definitions_cannot_be_parsed_are_passed_over(localize, tmp
     write_mcap(tmp_path / 'bag.mcap', kinds)
     code, report = localize(tmp_path / 'bag.mcap')
     assert code == 0 and report['accepted'] == 3 * STEPS and report['damage'] == []
+    assert report['notices'] == ['topics that are no input: 1 (/x/_service_event)']
 
 
 @pytest.mark.parametrize('suffix', ['zst', 'zstd'])
@@ -444,6 +445,12 @@ def test_a_file_that_is_compressed_as_a_whole_is_read(localize, tmp_path, plugin
     packed.write_bytes(zstandard.compress(storage.read_bytes()))
     code, report = localize(packed)
     assert code == 0 and report['ticks'] == 10 and report['damage'] == []
+    # Compressed in the folder: first a copy beside the file, then in its place.
+    shutil.copy(packed, storage.parent)
+    for notices in ([f'{packed.name} is passed over, as a copy of {storage.name}'], []):
+        code, report = localize(storage.parent)
+        assert (code, report['accepted'], report['notices']) == (0, 63, notices)
+        storage.unlink(missing_ok=True)
     packed.write_bytes(packed.read_bytes()[:100])
     assert localize(packed) == (1, None)
 

@@ -249,7 +249,7 @@ def test_nothing_is_learned_of_what_the_localizer_rejects(
     recorder.write(tmp_path / 'bag')
     code, _ = learn(tmp_path / 'bag')
     assert code == 0 and learn.output == expected
-    assert f'nothing is learned of 20 rejected messages (20 {reason})' in learn.errors
+    assert f'nothing is learned from 20 rejected messages (20 {reason})' in learn.errors
 
 
 @pytest.mark.parametrize('per', ['link', 'all'])
@@ -278,7 +278,7 @@ def test_odometry_is_learned_between_its_restarts_where_the_truth_is_known(
     assert (learned.max_gap_s, learned.latency_s) == (0.4, 0.2)
     assert fleet.odometry_error_of('r2') == stated
     assert 'Odometry of r1 started anew 1 times' in learn.told
-    assert 'Nothing was learned of the odometry of r2, r3: it is as' in learn.told
+    assert 'Nothing was learned about the odometry of r2, r3: it is as' in learn.told
 
 
 def test_errors_of_sensors_on_a_robot_are_seen_from_where_they_are(tmp_path, learn):

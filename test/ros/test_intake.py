@@ -234,8 +234,8 @@ TAKEN = {'range a->b': (1, 0)}
         # Strangers are counted by their id, and others passed over.
         ('*', '7 30:1.0 8:3.0 55:4.0', {**TAKEN, 'range a->id 55': (0, 1)}, ''),
         # An observer that is not named is not taken for another one.
-        ('*', '5 8:3.0', {}, "'5' is nobody's in the parameter `ids`: name it there"),
-        ('*', '30 8:3.0', {}, "observer id '30' is nobody's in the parameter `ids`"),
+        ('*', '5 8:3.0', {}, "'5' has no name in the parameter `ids`: name it there"),
+        ('*', '30 8:3.0', {}, "observer id '30' has no name in the parameter `ids`"),
         ('a', '8 9:3.0', {}, "observer id '8' is that of b, not of a"),
         ('*', '- 8:3.0', {}, 'name the observer in the link of /uwb instead'),
         ('*', '7' + ' 8:3.0' * 7, {}, '7 robots and anchors were measured, for this fleet at mo'),
@@ -297,7 +297,7 @@ def test_pixels_wait_for_the_matrix_of_their_own_camera(text_messages, link):
     frame = 'eye' if link.endswith('b') else 'nose'
     _, malformed = take(intake, f'/a/tags {TEXT} a', String(data=f'{frame} c:50:50'))
     assert f"CameraInfo of a in frame '{frame}' has arrived" in malformed.last
-    hint = 'is there a link' if frame == 'eye' else "those that came are in frames 'eye'"
+    hint = 'is there a link' if frame == 'eye' else "it has arrived in frames 'eye'"
     assert hint in malformed.last
     assert counts(localizer) == {}
 

@@ -161,8 +161,8 @@ def test_every_file_and_example_of_a_page_gives_settings(name):
         ('reference_robot', 'z', "reference_robot: 'z' is not allowed, it must be one of"),
         ('max_speed', -1.0, "'max_speed': -1.0 is not allowed, it must be a finite number >= 0"),
         ('range.min_error', 1.0, 'range.min_error: 1.0 .* at most range.max_error, which'),
-        ('range.topic', '/range', 'it must hold {observer} and {target}'),
-        ('odometry.topic', '/{robot:>9}/odom', 'it must hold {robot} once, nothing else'),
+        ('range.topic', '/range', 'it must be empty, or hold {observer} and'),
+        ('odometry.topic', '/{robot:>9}/odom', 'hold {robot} once and no other braces'),
         ('range.topic', '/a b/{observer}/{target}', "'/a b/name/name' is no topic name"),
         ('peers.topic', '{observer}/odom', "those of 'odometry.topic', .* topics of its own"),
         ('fixed_frame', '', "'fixed_frame': '' .* the name of a frame"),
@@ -259,7 +259,7 @@ def test_parameters_of_others_are_left_alone():
 
 
 def test_a_template_under_which_two_pairs_have_one_topic_is_refused():
-    wanted = "'/a_b_c' is that of a and b_c, and of a_b and c"
+    wanted = "'/a_b_c' is the topic of a and b_c, and of a_b and c"
     with pytest.raises(WrongParameterError, match=wanted):
         settings(robots=['a', 'a_b', 'b_c', 'c'], **{'range.topic': '/{observer}_{target}'})
     settings(robots=['a', 'a_b', 'b_c', 'c'], **{'range.topic': '/{observer}/{target}'})

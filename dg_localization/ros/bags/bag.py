@@ -138,6 +138,11 @@ def _read_sqlite(path: Path, damage: list[str]) -> Iterator[RawMessage]:
         )
 
 
+def _unpacked_name(name: str) -> str:
+    """Return the name of a file of messages without the ending of its compression."""
+    return re.sub(r'\.zstd?$', '', name)
+
+
 class BagError(ExecutableError):
     """The bag cannot be used; the text says why and what to do."""
 
@@ -235,24 +240,28 @@ class Bag:
             raise BagError(f'{path}: there is no such bag')
         if path.suffix == '.bag':
             raise BagError(f'{path} is a ROS 1 bag; convert it with rosbags-convert')
-        present = sorted(path.iterdir()) if path.is_dir() else [path]
-        files = [file for file in present if file.is_file() and STORAGE_FILE.fullmatch(file.name)]
+        files: dict[str, Path] = {}
+        for file in sorted(path.iterdir()) if path.is_dir() else [path]:
+            if file.is_file() and STORAGE_FILE.fullmatch(file.name):
+                first = files.setdefault(_unpacked_name(file.name), file)
+                if first is not file:
+                    self.notices.append(f'{file.name} is passed over, as a copy of {first.name}')
         if not files:
             raise BagError(
-                f'{path} is no rosbag2: neither a .db3 or .mcap file nor a folder of some; '
-                'unpack it first where it is compressed otherwise than with .zst or .zstd'
+                f'{path} is no rosbag2: it must be a .db3 or .mcap file, or a folder of such '
+                'files, which may be compressed as .zst or .zstd; unpack other archives first'
             )
         said = self._metadata() if path.is_dir() else None
         if said is None:
-            return files
+            return [*files.values()]
         names, self._counts = said
-        if missing := sorted(names - {file.name for file in files}):
+        if missing := sorted(names - files.keys()):
             self.damage.append(f'files are missing: {", ".join(missing)}')
-        named = [file for file in files if file.name in names]
-        if others := [file.name for file in files if file.name not in names]:
+        named = [file for name, file in files.items() if name in names]
+        if others := [file.name for name, file in files.items() if name not in names]:
             read = 'passed over' if named else 'read all the same'
             self.notices.append(f'metadata.yaml does not name {", ".join(others)}: {read}')
-        return named or files
+        return named or [*files.values()]
 
     def _metadata(self) -> tuple[set[str], dict[str, int]] | None:
         """Return the files and the numbers of messages by topic in metadata.yaml, if usable."""
@@ -261,7 +270,8 @@ class Bag:
         try:
             text = (self.path / 'metadata.yaml').read_text(encoding='utf-8')
             found = YAML(typ='safe').load(text)['rosbag2_bagfile_information']
-            names = {PurePath(str(name)).name for name in found['relative_file_paths']}
+            paths = [PurePath(str(name)) for name in found['relative_file_paths']]
+            names = {_unpacked_name(path.name) for path in paths}
             topics = found['topics_with_message_count']
             counts = {str(t['topic_metadata']['name']): int(t['message_count']) for t in topics}
         except Exception as error:  # the parser may raise anything on broken metadata
@@ -297,7 +307,9 @@ class Bag:
         for name in sorted({*self._counts, *self.topics} if self._counts else ()):
             held = self.topics[name].count if name in self.topics else 0
             if held != (said := self._counts.get(name, 0)):
-                self.damage.append(f'{name}: {held} messages are in the files, of {said} recorded')
+                self.damage.append(
+                    f'{name}: the files hold {held} messages, metadata.yaml counts {said}'
+                )
 
     def _scan_file(self, path: Path) -> int:
         """
@@ -329,13 +341,13 @@ class Bag:
             latest_of[channel.topic] = max(before_ns, time_ns)
         if n_wrong:
             self.damage.append(
-                f'{path.name}: receive times of {n_wrong} messages are no times of ROS'
+                f'{path.name}: receive times of {n_wrong} messages are not within the time of ROS'
             )
         if steps_back:
             back_ns, at_ns = max(steps_back)
             self.damage.append(
-                f'{path.name}: receive times go back by up to {back_ns / NS_PER_S:.1f} s, where '
-                f'{len(steps_back)} messages come after one of {at_ns / NS_PER_S:.3f} s'
+                f'{path.name}: receive times go back by up to {back_ns / NS_PER_S:.1f} s, '
+                f'after {at_ns / NS_PER_S:.3f} s; {len(steps_back)} messages are out of order'
             )
         return first_ns
 

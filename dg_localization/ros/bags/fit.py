@@ -201,8 +201,8 @@ def fit(gatherer: Gatherer, recording: Recording, per: str, choice: Choice) -> L
     excluded = sum(group.excluded for kind in learned.groups if (group := learned.of_all(kind)))
     if excluded and not (fleet.window_outliers or fleet.max_outliers):
         learned.notes.append(
-            f'The bounds leave {excluded} readings out. window_outliers: 1 lets one of each pair '
-            'in memory.seconds be wrong, max_outliers: 1 one of a moment.'
+            f'The bounds exclude {excluded} readings. window_outliers: 1 tolerates one wrong '
+            'reading of each pair in memory.seconds, max_outliers: 1 one of a moment.'
         )
     learned.notes += broken_bounds(gatherer, stated)
     return learned
@@ -250,7 +250,7 @@ def _known_group(
     first, second = one.chosen(is_first), one.chosen(~is_first)
     if min(len(first.errors), len(second.errors)) >= READINGS:
         rest = _percent(int(np.count_nonzero(_breaking(learn(first, True), kind, second))), second)
-        text += f'; learned of the first half alone, {rest} of the second excluded'
+        text += f'; learned from the first half alone, {rest} of the second excluded'
     return GroupFit(bounds, excluded, text)
 
 

@@ -42,7 +42,7 @@ from dg_localization.ros.spinning import own_arguments
 
 
 def collect(task: Task, recording: Recording) -> Gatherer:
-    """Return the readings of a bag; print which messages nothing is learned of."""
+    """Return the readings of a bag; print from which messages nothing is learned."""
     gatherer, rejected = Gatherer(task.settings.fleet), Counter[str]()
     intake = Intake(gatherer, task.settings.use_header_stamp, task.settings.ids)
     for message in recording.reading.shown():
@@ -57,7 +57,7 @@ def collect(task: Task, recording: Recording) -> Gatherer:
         print_line(f'{unread} messages could not be read')
     if rejected:
         reasons = ', '.join(f'{n} {why}' for why, n in sorted(rejected.items()))
-        print_line(f'nothing is learned of {rejected.total()} rejected messages ({reasons})')
+        print_line(f'nothing is learned from {rejected.total()} rejected messages ({reasons})')
     return gatherer
 
 

@@ -27,7 +27,7 @@ from dg_localization.fleet import Cancel, Estimate, Localizer, Snapshot
 from dg_localization.ros.bags.bag import NS_PER_S, SILENCE_NS, Bag, BagError, in_seconds
 from dg_localization.ros.bags.reading import BagMessage, Reading
 from dg_localization.ros.bags.truth import read_truth
-from dg_localization.ros.executables import writing
+from dg_localization.ros.executables import listed, writing
 from dg_localization.ros.interface.diagnostics import Report, statuses
 from dg_localization.ros.interface.discovery import TopicFinder
 from dg_localization.ros.interface.intake import Intake
@@ -144,6 +144,9 @@ class Recording:
         self._truth = read_truth(options.truth, settings, bag)
         self.truth = self._truth.of_fleet(settings.fleet) if options.truth else None
         self.reading = Reading(bag, topics, options.start, options.duration)
+        known = {link.topic for link in (*links, *finder.wrong_types)} | self._truth.topics
+        if others := sorted(bag.types.keys() - known):
+            notices.append(f'topics that are no input: {len(others)} ({listed(others)})')
         self._notices = (*bag.notices, *notices, *self.reading.notices, *self._truth.notices)
 
     def span_ns(self) -> tuple[int, int]:
@@ -152,8 +155,10 @@ class Recording:
         span_s = (end_ns - start_ns) / NS_PER_S
         if span_s < 1.0 / self.rate_hz:
             whole_s, read_s = self._bag.duration_s, max(0.0, span_s)
-            read = f'of {whole_s:.1f} s of the bag {read_s:.1f} s are to be read'
-            raise BagError(f"{read}; there must be {1.0 / self.rate_hz:g} s, one period of 'rate'")
+            raise BagError(
+                f'{read_s:.1f} s of the {whole_s:.1f} s of the bag are to be read, less than '
+                f"{1.0 / self.rate_hz:g} s, one period of 'rate'"
+            )
         return start_ns, end_ns
 
     def timeline(self, gaps_ns: list[tuple[int, int]]) -> Iterator[tuple[int, BagMessage | None]]:

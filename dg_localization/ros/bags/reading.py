@@ -7,7 +7,7 @@ The messages of topics of a bag in the order of receive times, converted to the 
 sensor_msgs/Range has a variance since Iron, and no current subscriber reads the older bytes.
 """
 
-from collections import Counter, defaultdict, deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, redirect_stdout, suppress
 from functools import cache
@@ -16,7 +16,7 @@ from io import StringIO
 from typing import Any, NamedTuple
 
 from dg_localization.ros.bags.bag import NS_PER_S, Bag, BagError, Channel, Topic
-from dg_localization.ros.executables import make_progress
+from dg_localization.ros.executables import listed, make_progress
 
 DISTRIBUTIONS = ('JAZZY', 'IRON', 'HUMBLE', 'GALACTIC', 'FOXY', 'ELOQUENT', 'DASHING')
 """Distributions whose definitions are tried if a bag holds no definition of a type."""
@@ -41,7 +41,7 @@ class Reading:
     topics : list of Topic
         The topics that can be read.
     notices : list of str
-        One sentence for each skipped topic.
+        A sentence on the skipped topics, if any.
     unreadable : Counter of str
         The number of skipped damaged messages by topic.
 
@@ -74,19 +74,15 @@ class Reading:
             raise BagError(
                 f'no topic {", ".join(missing)} in the bag; it has {", ".join(sorted(bag.topics))}'
             )
-        passed_over: dict[str, list[str]] = defaultdict(list)
-        for name in wanted:
-            if reason := self._take(bag.topics[name]):
-                passed_over[reason].append(name)
-        for reason, over in passed_over.items():
-            be = 'is' if len(over) == 1 else 'are'
-            self.notices.append(f'{", ".join(over)} {be} passed over: {reason}')
+        reasons = [(name, self._take(bag.topics[name])) for name in wanted]
+        if over := [f'{name}: {reason}' for name, reason in reasons if reason]:
+            self.notices.append(f'topics passed over: {len(over)} ({listed(over)})')
         if not self.topics:
-            why = '; '.join([*self.notices, *bag.damage]) or 'it has no topics'
+            why = '; '.join([*self.notices, *self.damage]) or 'it has no topics'
             raise BagError(f'nothing in the bag can be read: {why}')
 
     def _take(self, topic: Topic) -> str:
-        """Add a topic to those to read, or return the reason why not."""
+        """Add a topic to those to read or to the damage, or return why it is passed over."""
         if not topic.count:
             return 'no message'
         if len(topic.type_names) > 1:
@@ -97,7 +93,7 @@ class Reading:
         if convert is None:
             reason = f'the messages do not fit any definition of {topic.type_names[0]}'
             self._undecodable.append(f'{topic.name} is passed over: {reason}')
-            return reason
+            return ''
         self._converters[topic.name] = convert
         self.topics.append(topic)
         return ''

@@ -81,7 +81,7 @@ class Replayer:
         for message in messages:
             if message.time_ns - last_ns > SILENCE_NS:
                 gap = timedelta(seconds=round((message.time_ns - last_ns) / NS_PER_S))
-                print_line(f'the recording has a gap of {gap}, which {CLOCK} goes through')
+                print_line(f'no message for {gap} of the recording; {CLOCK} goes on meanwhile')
             last_ns = message.time_ns
             left_s = math.inf
             while left_s > 0.0:
@@ -123,7 +123,7 @@ def replay(node: Node, options: argparse.Namespace) -> None:
         replayer = Replayer(node, topics, options.rate)
         print_line(f'{len(topics)} topics, {bag.duration_s:.1f} s; waiting for subscribers')
         if not replayer.wait_for_subscribers(options.wait):
-            print_line(f'nobody subscribed within {options.wait:g} s; playing all the same')
+            print_line(f'no subscriber within {options.wait:g} s; playing without one')
         while True:
             next_pass_s = time.monotonic() + SHORTEST_PASS_S
             recorded = (message for message in reading.shown() if message.topic != CLOCK)

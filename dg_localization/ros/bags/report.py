@@ -236,7 +236,7 @@ def _over_time(tree: Tree) -> Iterator[str | Sheet]:
     said = [(f'{", ".join(found)}: {text}', when) for (text, when), found in names.items()]
     yield Sheet(('the node says', 'at'), said[:ROWS])
     if len(said) > ROWS:
-        yield f'And {len(said) - ROWS} things more, which a report in JSON has.'
+        yield f'A report in JSON has {len(said) - ROWS} more rows.'
 
 
 def truth_parts(truth: Tree) -> Iterator[str | Sheet]:

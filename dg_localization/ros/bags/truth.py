@@ -58,6 +58,7 @@ class Truth:
     poses: Poses = field(default_factory=lambda: defaultdict(list))
     notices: list[str] = field(default_factory=list)
     damage: list[str] = field(default_factory=list)
+    topics: frozenset[str] = frozenset()
 
     def of_fleet(self, fleet: FleetConfig) -> FleetTruth:
         """Return the true paths of robots and sensors and the places of anchors."""
@@ -125,6 +126,7 @@ def _read_topics(topics: Mapping[str, str], settings: Settings, bag: Bag, truth:
             place_m, turn = xyz_from_message(pose.position), xyzw_from_message(pose.orientation)
             truth.poses[name].append((stamp_s, place_m, turn))
     truth.damage += reading.damage
+    truth.topics = frozenset(topics)
     truth.notices += reading.notices
     if malformed := reading.unreadable.total():
         truth.notices.append(f'{malformed} messages of the ground truth could not be read')

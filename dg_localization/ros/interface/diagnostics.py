@@ -13,6 +13,7 @@ import numpy as np
 
 from dg_localization.fleet import Estimate, Group, InputState, LinkKey, LinkKind, Placement
 from dg_localization.fleet.rotations import yaw_of
+from dg_localization.ros.executables import LISTED, listed
 from dg_localization.ros.interface.intake import (
     LEAST_OFFENCES,
     NONE_MALFORMED,
@@ -24,19 +25,10 @@ from dg_localization.ros.interface.parameters.settings import Settings
 from dg_localization.solver.result import Verdict
 from msg_adapters import Level, Status
 
-# Diagnostics list the first few only; the topics hold everything.
-LISTED = 8
 # A smaller fraction of the wanted rate gives a warning.
 TOLERATED_RATE = 0.9
 
 LOCALIZED = Level.OK, 'localized: one hypothesis'
-
-
-def listed(texts: Iterable[object]) -> str:
-    """Return the first of some texts, and the number of the others."""
-    first = [*map(str, texts)]
-    more = len(first) - LISTED
-    return f'{", ".join(first[:LISTED])}{f" and {more} more" if more > 0 else ""}'
 
 
 @dataclass(frozen=True)

@@ -54,9 +54,9 @@ class Template:
         # A format, as in {robot:>9}, is not allowed: it may ask for any length.
         if sorted(FIELD.findall(self.text)) != sorted(self.fields):
             wanted = ' and '.join(f'{{{name}}}' for name in self.fields)
-            raise ValueError(f'it must hold {wanted} once, nothing else in braces, or be empty')
+            raise ValueError(f'it must be empty, or hold {wanted} once and no other braces')
         if {'{', '}'}.intersection(FIELD.sub('', self.text)):
-            raise ValueError(f"'{self.text}' has a brace without its other one")
+            raise ValueError(f"'{self.text}' has a brace without a partner")
         check_topic(FIELD.sub('name', self.text))
 
     def check_names(self, points: Iterable[str]) -> None:
@@ -74,8 +74,8 @@ class Template:
             first = ends_of.setdefault(topic, (observer, target))
             if first != (observer, target):
                 raise ValueError(
-                    f"'{topic}' is that of {first[0]} and {first[1]}, and of {observer} and "
-                    f'{target}: the names must be told apart, by a / between them for example'
+                    f"'{topic}' is the topic of {first[0]} and {first[1]}, and of {observer} and "
+                    f'{target}: separate the two names in the template, for example by a /'
                 )
 
     def resolved(self, resolve: Callable[[str], str]) -> 'Template':

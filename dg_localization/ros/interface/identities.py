@@ -44,7 +44,7 @@ def ids_from(values: Mapping[str, Any], points: Sequence[str]) -> dict[str, str]
         ids = parse_ids(filter(None, values['ids']))
         for name in ids.values():
             if name not in (*points, IGNORED):
-                allowed = f"one of {', '.join(points)}, or '{IGNORED}' for nobody"
+                allowed = f"one of {', '.join(points)}, or '{IGNORED}' to ignore the id"
                 raise ValueError(f"'{name}' is not allowed, it must be {allowed}")
     return ids
 
@@ -78,7 +78,7 @@ class Identities:
             raise ValueError(f'the message does not say who measured: {advice}')
         if name == IGNORED:
             raise ValueError(
-                f"observer id '{observer_id}' is nobody's in the parameter `ids`: name it there"
+                f"observer id '{observer_id}' has no name in the parameter `ids`: name it there"
             )
         if named not in (ANY_OBSERVER, name):
             raise ValueError(f"observer id '{observer_id}' is that of {name}, not of {named}")
@@ -124,11 +124,11 @@ class Cameras:
         }
         camera = cameras.get(reading.frame_id.removeprefix('/'))
         if camera is None:
-            came = ', '.join(f"'{frame}'" for frame in cameras)
-            hint = f'those that came are in frames {came}' if came else 'is there a link to it?'
+            others = ', '.join(f"'{frame}'" for frame in cameras)
+            hint = f'it has arrived in frames {others}' if others else 'is there a link to it?'
             raise ValueError(
-                f'no sensor_msgs/msg/CameraInfo of {link.key.observer} in frame '
-                f"'{reading.frame_id}' has arrived, which the pixels need: {hint}"
+                f'the pixels need a sensor_msgs/msg/CameraInfo of {link.key.observer} in frame '
+                f"'{reading.frame_id}', which has not arrived: {hint}"
             )
         return reading.seen_by(camera)
 

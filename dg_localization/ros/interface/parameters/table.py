@@ -130,10 +130,10 @@ TABLE = {
         30.0, 'how long measurements are remembered', 's', LEAST_MEMORY_S, may_be_zero=True
     ),
     'memory.max_seconds': TIME(0.15, 'longest processor time that an estimate spends on them'),
-    'window_outliers': COUNT(0, 'so many observations of each pair may be wrong in the memory'),
+    'window_outliers': COUNT(0, 'how many observations of each pair may be wrong in the memory'),
     **_topics('peers', '{observer}/peers'),
     'links': NAMES("inputs one by one, 'TOPIC TYPE OBSERVER [TARGET] [NAME=VALUE ...]'"),
-    'ids': NAMES("who the ids in messages of other packages are, 'ID NAME'"),
+    'ids': NAMES("names of the ids in messages of other packages, 'ID NAME'"),
     'adapter_modules': NAMES('Python modules that register adapters of message types'),
     'mounts.names': NAMES("sensors at known places on robots, 'ROBOT/SENSOR'"),
     'elevations.names': NAMES('points in the plane whose elevation is known'),
@@ -152,7 +152,7 @@ TABLE = {
     'conflicts.max_seconds': TIME(
         2.0, 'longest time of a search for what explains a contradiction', finite=False
     ),
-    'stuck.readings': COUNT(20, 'a sensor is stuck after so many identical readings'),
+    'stuck.readings': COUNT(20, 'how many identical readings show that a sensor is stuck'),
     'stuck.drop': Spec(False, 'drop readings that are stuck, besides the warning'),
     'max_hypotheses': Spec(64, 'most hypotheses that are published', '', 1),
     'solver.resolution': Spec(
