@@ -265,7 +265,7 @@ class Estimate:
     rigid_groups : tuple of tuple of str
         The points that the measurements hold rigid together: each group can only move as a whole.
     would_fix : tuple of str
-        Measurements that would join two rigid groups, as short sentences.
+        What would join two rigid groups or rule out mirror images, as short sentences.
     ruled_out : tuple of str
         Placements of the moment that the window has ruled out, as short sentences.
     forgotten : tuple of Forgotten

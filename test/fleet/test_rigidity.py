@@ -75,6 +75,16 @@ def test_a_range_across_would_decide_a_reflection():
     assert (fixed.n_hypotheses, fixed.would_fix) == (2, ())
 
 
+def test_a_robot_that_is_mirrored_in_a_line_of_anchors_is_told_to_drive_a_curve():
+    anchors = {'a': (0.0, 0.0), 'b': (6.0, 1.0), 'c': (3.0, -5.0)}
+    given = {'robots': ('r',), 'anchors': anchors, 'max_speed_m_s': 1.0}
+    localizer = localizer_of({'r': (2.0, 3.0), **anchors}, [('r', 'a'), ('r', 'b')], **given)
+    *_, told = localizer.step(NOW_S).would_fix
+    assert told == 'r is mirrored in the line a - b: drive it in a curve'
+    add_ranges(localizer, 'r', (2.0, 3.0), {'c': anchors['c']}, NOW_S)
+    assert localizer.step(NOW_S).would_fix == ()
+
+
 def test_in_space_a_shared_robot_leaves_three_ranges():
     rng = np.random.default_rng(3)
     names = [f'r{k}' for k in range(1, 10)]

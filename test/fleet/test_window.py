@@ -300,7 +300,9 @@ def test_what_the_window_has_decided_needs_no_measurement():
     two_triangles = [(0, 1), (0, 2), (1, 2), (1, 3), (2, 3)]
     first, *_, last = fleet.drive(15.0, pairs=two_triangles)
     assert first.n_hypotheses == 4
-    assert first.would_fix == ('range r0 - r3 or bearings would decide the reflection in r1, r2',)
+    remedy, alone, _ = first.would_fix
+    assert remedy == 'range r0 - r3 or bearings would decide the reflection in r1, r2'
+    assert alone.endswith(' is mirrored in the line r1 - r2: drive it in a curve')
     assert (last.n_hypotheses, last.would_fix) == (1, ())
 
 

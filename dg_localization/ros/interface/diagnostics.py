@@ -204,14 +204,6 @@ def _not_settled(estimate: Estimate) -> Iterator[str]:
         yield f'bounds look too narrow: {listed(estimate.misfits)}'
 
 
-def _advice(estimate: Estimate) -> Iterator[str]:
-    """Yield what would decide between placements."""
-    yield from estimate.would_fix
-    placements = estimate.placements
-    if len({one.mirrored for one in placements}) > 1 and placements[0].positions_m.shape[1] == 2:
-        yield 'curves with odometry, or a camera that sees two others, rule out mirror images'
-
-
 def _estimate_values(estimate: Estimate) -> dict[str, str]:
     placements = estimate.placements
     proved = [placement for placement in placements if placement.proved]
@@ -235,7 +227,7 @@ def _estimate_values(estimate: Estimate) -> dict[str, str]:
     texts = {
         'rigid_groups': '; '.join(', '.join(group) for group in estimate.rigid_groups),
         'ruled_out': '; '.join(estimate.ruled_out),
-        'would_fix': '; '.join(_advice(estimate)),
+        'would_fix': '; '.join(estimate.would_fix),
         'suspects': listed(estimate.suspects),
         'suspects_in_window': listed(estimate.suspects_in_window),
     }
