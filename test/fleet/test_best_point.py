@@ -147,6 +147,32 @@ def test_robots_that_hardly_anything_ties_to_the_rest_have_points(far_m, near_m)
             assert np.all(variances_m2[1:, 0] > 0.1 * min(0.03 * far_m, 1e6) ** 2)
 
 
+def test_robots_that_met_are_no_further_off_than_their_enclosures():
+    """A small motion turns the ray to a robot that is a millimeter away by any angle."""
+    anchors = {'a': (0.0, 0.0), 'b': (10.0, 0.0)}
+    localizer = new_localizer(
+        ['r', 's'],
+        anchors,
+        odometry_error=(0.02, 0.0, 0.0, 0.02, 0.01, 0.01),
+        range_error=(-0.1, 0.1),
+        bearing_half_width_rad=0.02,
+        max_speed_m_s=1.5,
+    )
+    for tick in range(15):
+        now_s = NOW_S + 0.2 * tick
+        places_m = {'r': np.array([3.0 + 0.1 * tick, 4.0])}
+        places_m['s'] = places_m['r'] + [0.0, 1e-3 + max(0.0, 0.8 - 0.08 * tick)]
+        for robot, place_m in places_m.items():
+            add_odometry(localizer, robot, place_m, now_s)
+            add_ranges(localizer, robot, place_m, anchors, now_s)
+        for robot, other in permutations('rs'):
+            seen = ray(places_m[robot], places_m[other])
+            localizer.add_bearing(robot, other, seen, now_s, now_s)
+    for placement in localizer.step(now_s).placements:
+        sides_m = np.ptp(placement.enclosure_m, axis=1)
+        assert np.all(placement.covariances[:, [0, 1], [0, 1]] <= sides_m**2)
+
+
 def test_the_expected_error_moves_the_point_and_not_the_bounds():
     answers = []
     for expected_m in (0.0, 0.4):

@@ -327,13 +327,22 @@ def _joint_covariance(fit: Fit, excess: FloatArray, n_points: int) -> FloatArray
     variances = np.minimum(widths[bodies.free] ** 2, UNKNOWN_VARIANCE_M2)
     equations = UNIFORM * fit.matrix + np.diag(1.0 / variances)
     size = int(bodies.free[:n_points].sum())
-    # Eliminate the past poses.
-    before = -np.linalg.solve(equations[size:, size:], equations[size:, :size])
-    inverse = _inverse(
-        equations[:size, :size] + equations[:size, size:] @ before, variances[:size]
-    )
-    gain = inverse @ np.hstack([np.eye(size), before.T])
-    inverse = inverse + gain @ (UNIFORM * excess) @ gain.T
+    try:
+        np.linalg.cholesky(past := equations[size:, size:])
+    except np.linalg.LinAlgError:
+        # What is known about past poses is lost in rounding.
+        inverse = np.diag(variances[:size])
+    else:
+        # Eliminate the past poses.
+        before = -np.linalg.solve(past, equations[size:, :size])
+        inverse = _inverse(
+            equations[:size, :size] + equations[:size, size:] @ before, variances[:size]
+        )
+        gain = inverse @ np.hstack([np.eye(size), before.T])
+        inverse = inverse + gain @ (UNIFORM * excess) @ gain.T
+    # Dependent errors must not exceed the enclosure either.
+    shares = np.sqrt(variances[:size] / np.maximum(variances[:size], inverse.diagonal()))
+    inverse *= shares[:, None] * shares
     # The last row, -1, stands for coordinates that are left out.
     everything = np.zeros((size + 1, size + 1))
     everything[:size, :size] = 0.5 * (inverse + inverse.T)
