@@ -36,6 +36,7 @@ from std_msgs.msg import ByteMultiArray  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
+from benchmarks.problems import FLEET_SQUARED_M2, fleet_placements  # noqa: E402
 from dg_localization.fleet import Localizer, warm_up  # noqa: E402
 from dg_localization.ros.node.localizer import LocalizerNode  # noqa: E402
 from msg_adapters import (  # noqa: E402
@@ -58,18 +59,11 @@ poses_from_message = adapter_for('geometry_msgs/msg/PoseArray').from_message
 
 
 class PaperFleet:
-    """The paper's fleet at rest: positions, headings, measured pairs, its eight solutions."""
+    """The paper's fleet at rest: its placement, any headings, and the pairs that measure."""
 
-    def __init__(self, truth):
-        known = truth['positions_of_D3_solution_P2_origin_P1_on_x_m']
-        self.robots = [f'robot_{i}' for i in range(1, 7)]
-        self.positions_m = np.array([known.get(f'P{i}', [0.0, 0.0]) for i in range(1, 7)])
-        self.yaws_rad = np.array([0.4, -0.7, 1.9, 3.0, -2.2, 0.0])
-        self.edges = [(int(name[1]) - 1, int(name[2]) - 1) for name in truth['edges_squared_m2']]
-        self.solutions = [
-            {(int(k[1]) - 1, int(k[2]) - 1): v for k, v in solution['s'].items()}
-            for solution in truth['solutions']
-        ]
+    robots = tuple(f'robot_{i}' for i in range(1, 7))
+    positions_m, edges = fleet_placements()[0], tuple(FLEET_SQUARED_M2)
+    yaws_rad = np.array([0.4, -0.7, 1.9, 3.0, -2.2, 0.0])
 
     def range_m(self, observer, target):
         return float(np.linalg.norm(self.positions_m[target] - self.positions_m[observer]))
@@ -88,8 +82,8 @@ class PaperFleet:
 
 
 @pytest.fixture(scope='session')
-def paper_fleet(shared):
-    return PaperFleet(json.loads((shared / 'truth/fleet.json').read_text()))
+def paper_fleet():
+    return PaperFleet()
 
 
 @pytest.fixture(scope='module', autouse=True)

@@ -10,6 +10,7 @@ from estimates import half_widths_of, pose_from_message
 import numpy as np
 import pytest
 
+from benchmarks.problems import fleet_placements
 from dg_localization.fleet.rotations import yaw_of
 from msg_adapters import Level, adapter_for
 
@@ -70,10 +71,8 @@ def test_ranges_alone_give_the_eight_solutions_and_their_mirror_images(fresh, pa
     fresh.clear()
     fresh.until_placements(16, robots=6)
     found = [gaps_m(positions) for positions in hypotheses(fresh)]
-    for solution in paper_fleet.solutions:
-        errors = [
-            max(abs(gaps[pair] - math.sqrt(s)) for pair, s in solution.items()) for gaps in found
-        ]
+    for solution in map(gaps_m, fleet_placements()):
+        errors = [np.abs(gaps - solution).max() for gaps in found]
         # Ranges off by 1 % move a robot at the far end of two triangles by several times that.
         assert sum(error < 0.8 for error in errors) == 2, errors
     assert not any(fresh.heard.poses.values())
