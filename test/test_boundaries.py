@@ -41,9 +41,7 @@ ROS = re.compile(r'(rclpy|rosbags|ament_index_python|\w+_(msgs|srvs|interfaces))
 
 def package_of(module):
     """Return the innermost package that holds `module`, or None for one of others."""
-    packages = [
-        package for package in ALLOWED if module == package or module.startswith(package + '.')
-    ]
+    packages = [one for one in ALLOWED if module == one or module.startswith(f'{one}.')]
     return max(packages, key=len, default=None)
 
 

@@ -147,9 +147,8 @@ def test_places_and_headings_between_samples():
     expected, headings = circle(times)
     np.testing.assert_allclose(track.positions_at(times), expected, atol=2e-4)
     forward = track.rotations_at(times)[:, :2, 0]
-    np.testing.assert_allclose(
-        forward, np.column_stack([np.cos(headings), np.sin(headings)]), atol=2e-4
-    )
+    expected = np.column_stack([np.cos(headings), np.sin(headings)])
+    np.testing.assert_allclose(forward, expected, atol=2e-4)
 
 
 def test_headings_turn_the_short_way_whatever_the_sign_of_the_quaternions():

@@ -115,9 +115,7 @@ class History:
         count = round(seconds / SAMPLE_S) + 2
         drawn_rad = float(rng.choice([0.0, 0.2, 0.6, 1.3])) * flies
         steepest_rad = drawn_rad if steepest_rad is None else steepest_rad
-        drives = [
-            draw_drive(rng, count, error, worst, flat, steepest_rad, pace) for error in errors
-        ]
+        drives = [draw_drive(rng, count, one, worst, flat, steepest_rad, pace) for one in errors]
         # Where ranges tell little, a motion that is bounded too narrowly loses no truth.
         scale = 0.05 if rng.random() < 0.4 else 1.0
         high = scale * float(rng.choice([0.01, 0.05, 0.1]))
@@ -174,9 +172,8 @@ class History:
                 heard = [k for k in range(len(drive.true)) if k not in self.lost[robot]]
                 self.calls += [self._odometry(robot, k) for k in heard]
         for robot, every_s in self.heights.every_s.items():
-            self.calls += [
-                self._elevation(robot, at_s) for at_s in np.arange(0.0, seconds, every_s)
-            ]
+            times_s = np.arange(0.0, seconds, every_s)
+            self.calls += [self._elevation(robot, time_s) for time_s in times_s]
         places = range(len(self.config.points))
         bodies = [self.body(place) for place in places]
         pairs = [(i, j) for i in places for j in places if ranged and bodies[i] != bodies[j]]
@@ -350,9 +347,8 @@ class History:
         """Return where a point truly is, some seconds after the start; heights are left out."""
         name, body = self.config.points[point], self.body(point)
         if body is None:
-            return in_space(
-                np.add(self.config.anchors[name].coordinates_m, self.off_m.get(name, 0.0))
-            )
+            stated_m = self.config.anchors[name].coordinates_m
+            return in_space(np.add(stated_m, self.off_m.get(name, 0.0)))
         if name not in self.arms_m:
             return self.drives[body].place(time_s)
         place, rotation = self.drives[body].pose(time_s)

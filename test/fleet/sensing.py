@@ -68,7 +68,5 @@ def ray(place_m, target_m, yaw_rad=0.0):
 def reading_of(distance_m, model, share, more_m=0.0):
     """Return a range whose error is so far up between the bounds, and more besides."""
     absolute_m = model.min_error_m + share * (model.max_error_m - model.min_error_m) + more_m
-    relative = model.min_error_relative + share * (
-        model.max_error_relative - model.min_error_relative
-    )
-    return max(0.0, (distance_m + absolute_m) / (1.0 - relative))
+    spread = model.max_error_relative - model.min_error_relative
+    return max(0.0, (distance_m + absolute_m) / (1.0 - model.min_error_relative - share * spread))

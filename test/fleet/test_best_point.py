@@ -93,9 +93,7 @@ def test_a_beacon_whose_bounds_do_not_hold_is_named(is_wrong):
     localizer = driver(window_outliers=10)
     _, now_s = drive(localizer, shares={'a1': 1.35 if is_wrong else 1.0})
     estimate = localizer.step(now_s)
-    named = [
-        text.split(' (')[0] for placement in estimate.placements for text in placement.misfits
-    ]
+    named = [text.split(' (')[0] for one in estimate.placements for text in one.misfits]
     assert ('ranges r - a1' in named) is is_wrong
     assert ('bounds look too narrow' in estimate.reason) is is_wrong
     # Another hypothesis without such a reading may be the true one.

@@ -379,9 +379,8 @@ def test_repeat_offenders_are_counted_for_a_minute():
     sensors = {"a's camera": (8, 10), "b's camera": (2, 10)}
     assert counts == {**sensors, 'm': (8, 10), 'n': (2, 10)}
     (named,) = [o for o in estimate.offenders if str(o.sensor) == "a's camera"]
-    assert str(named) == (
-        "a's camera was among the suspects in 8 of 10 contradictions of the last 60 s"
-    )
+    text = "a's camera was among the suspects in 8 of 10 contradictions of the last 60 s"
+    assert str(named) == text
     localizer.reset()
     feed_trio(localizer, stamp_s=stamp_s + 2.0)
     assert localizer.step(stamp_s + 2.0).offenders == ()

@@ -170,9 +170,7 @@ def test_settings_are_copies_of_what_the_caller_gave():
         config.mounts['a']['right'] = (1.0, 0.0)
 
 
-@pytest.mark.parametrize(
-    'copied', [copy.deepcopy, lambda value: pickle.loads(pickle.dumps(value))]
-)
+@pytest.mark.parametrize('copied', [copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))])
 def test_settings_can_be_copied_and_pickled(copied):
     config = FleetConfig(
         ('a', 'b'),
@@ -202,9 +200,7 @@ def test_what_is_no_snapshot_is_named():
 
 
 EXACT = RangeErrorModel(min_error_relative=0.0, max_error_relative=0.0)
-UWB = RangeErrorModel(
-    min_error_m=-0.1, max_error_m=1.3, min_error_relative=0.0, max_error_relative=0.02
-)
+UWB = RangeErrorModel(-0.1, 1.3, 0.0, 0.02)
 FAR = RangeErrorModel(beyond_max_is_far=True)
 
 

@@ -352,9 +352,7 @@ def test_the_frame_is_that_of_the_odometry_and_stands_still():
 
 
 def test_in_the_frame_a_robot_is_where_its_messages_say_however_they_are_scaled():
-    error = OdometryErrorModel(
-        translation_per_m=0.02, rotation_per_rad=0.02, translation_scale=0.8
-    )
+    error = OdometryErrorModel(0.02, 0.0, 0.0, 0.02, translation_scale=0.8)
     fleet = circling_fleet(odometry_error=error)
     fleet.scale = 0.8
     for estimate in drive(fleet, 5.0):
@@ -403,9 +401,8 @@ def test_a_frame_is_kept_for_two_seconds_without_a_heading(name):
         kinds.append(str(estimate.frame.kind))
         changes += bool(estimate.frame_change)
         if name and estimate.frame == before.frame:
-            off_m = [
-                np.abs(p.positions_m - fleet.poses()[0]).max() for p in fleet.holding(estimate)
-            ]
+            places, _ = fleet.poses()
+            off_m = [np.abs(one.positions_m - places).max() for one in fleet.holding(estimate)]
             assert min(off_m) < 1.0
     assert kinds == [str(before.frame.kind)] * 4 + ['robots'] * 4
     assert changes == estimate.frame_changes == 1

@@ -336,10 +336,8 @@ def test_where_odometry_is_missing_the_way_is_as_long_as_the_limits_allow():
 def test_displacements_have_the_constant_errors_of_both_ends():
     errors = {'rotation_per_rad': 0.2, 'constant_m': 0.04}
     positions, stated, _ = spin(300, 0.1, OdometryErrorModel(**errors))
-    readings = [
-        OdometrySample(1.0 + k, np.zeros(3), attitude(yaw)) for k, yaw in enumerate(stated)
-    ]
-    most_m = motion_of(*readings, **errors).displacement_m('a', 1.0, 301.0)
+    samples = [OdometrySample(1.0 + k, np.zeros(3), attitude(yaw)) for k, yaw in enumerate(stated)]
+    most_m = motion_of(*samples, **errors).displacement_m('a', 1.0, 301.0)
     assert 0.1 < np.linalg.norm(positions[-1] - positions[0]) <= most_m < 0.3
 
 

@@ -126,9 +126,8 @@ def drawn_fleet(seed, dimension):
     kind = {'cameras': False, 'pace': 0.0, 'odometry': 0.0, 'max_speed_m_s': CLIMBING_M_S}
     kind |= {'range_error': RangeErrorModel(0.0, 0.0, -1e-3, 1e-3), 'max_hypotheses': 2}
     kind |= {'solver': SolverOptions(resolution=0.05, max_boxes=30)}
-    history = History.draw(
-        seed, robots, anchors, 0.5, int(rng.integers(robots)), dimension, **kind
-    )
+    mounted = int(rng.integers(robots))
+    history = History.draw(seed, robots, anchors, 0.5, mounted, dimension, **kind)
     seen = rng.permutation(sorted({observed[:2] for observed in history.observed})).tolist()
     history.unranged = {*map(tuple, seen[int(rng.integers(1, 4 * robots)) :])}
     return history

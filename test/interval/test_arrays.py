@@ -191,9 +191,8 @@ def are_next_to(lower, exact, upper):
 @example([Decimal('1e400'), Decimal('-1e-400'), 10**400, -(10**400), Fraction(1, 10**400)])
 @example([Decimal('1.00000000000000000000000000000000000000000000000001')])
 def test_numbers_of_python_get_the_tightest_bounds(numbers):
-    for number, lower, upper in zip(
-        numbers, lower_bounds(numbers), upper_bounds(numbers), strict=True
-    ):
+    bounds = lower_bounds(numbers), upper_bounds(numbers)
+    for number, lower, upper in zip(numbers, *bounds, strict=True):
         assert are_next_to(lower, Fraction(number), upper)
 
 

@@ -236,9 +236,7 @@ def test_every_type_is_in_the_documentation():
 
 @pytest.mark.usefixtures('third_party_messages')
 @pytest.mark.parametrize('type_name, value', [(DETECTIONS_2D, PIXELS), (DETECTIONS_3D, RAYS)])
-def test_the_likeliest_class_names_a_detection_and_its_own_id_where_there_is_none(
-    type_name, value
-):
+def test_the_likeliest_class_names_a_detection_and_its_id_where_there_is_none(type_name, value):
     adapter = adapter_for(type_name)
     message, others = adapter.to_message(value), adapter.to_message(value).detections
     for other, score in zip(others, (0.2, 0.1), strict=True):

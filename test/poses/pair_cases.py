@@ -79,9 +79,8 @@ def random_case(seed, *, scale_m=None, liars=0, space=None, alone=False):
             around(rng, yaws, rng.choice([0.0, 0.01, 0.2])),
         )
         mounts = rng.normal(size=(count, 3)) * 0.1 * scale_m * flat * (rng.random() < 0.5)
-        bounds = around(
-            rng, mounts, rng.choice([0.0, 0.02]) * scale_m * flat * np.ones((count, 1))
-        )
+        error_m = rng.choice([0.0, 0.02]) * scale_m * flat * np.ones((count, 1))
+        bounds = around(rng, mounts, error_m)
         points.append((stated, positions + turn(yaws, mounts), stated.points_now(bounds)))
     (stated_a, true_a, points_a), (stated_b, true_b, points_b) = points
     w = truth.position_m + turn(truth.yaw_rad, true_b) - true_a

@@ -193,9 +193,7 @@ def motion_of(rng, scale_m, space):
     flat = np.array([1.0, 1.0, float(space)])
     position, yaw = rng.normal(size=(1, 3)) * 0.1 * scale_m * flat, rng.normal(size=1) * 0.3
     error = 0.01 * scale_m * flat
-    stated = PastPoses(
-        Interval(position - error, position + error), Interval(yaw - 0.01, yaw + 0.01)
-    )
+    stated = PastPoses(Interval.around(position, error), Interval.around(yaw, 0.01))
     return position[0], float(yaw[0]), stated
 
 

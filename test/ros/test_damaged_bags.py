@@ -324,9 +324,7 @@ def test_a_damaged_bag_never_loses_anything_silently(run, tmp_path, storage):
 
 
 @pytest.mark.parametrize('storage', ['mcap', 'db3'])
-def test_a_bag_that_is_damaged_in_the_middle_gives_what_is_before(
-    localize, tmp_path, storage, capsys
-):
+def test_a_bag_damaged_in_the_middle_gives_what_is_before(localize, tmp_path, storage, capsys):
     bag = tmp_path / 'bag'
     if storage == 'mcap':
         write_bag(bag, storage)
@@ -482,9 +480,8 @@ def test_messages_at_the_end_of_a_file_come_in_order(tmp_path, plugin, late):
         storage = storage_of(recorder.close())
         shutil.move(storage, tmp_path / 'bag' / storage.name)
     with open_bag(tmp_path / 'bag') as bag:
-        assert [message.time_ns for message in Reading(bag).messages()] == sorted(
-            map(time_ns_of, steps)
-        )
+        times_ns = [message.time_ns for message in Reading(bag).messages()]
+        assert times_ns == sorted(map(time_ns_of, steps))
         assert not bag.damage
 
 

@@ -200,9 +200,7 @@ def test_peers_get_the_bounds_of_their_observer(tmp_path, learn, told):
 
 
 @pytest.mark.parametrize('per', ['link', 'sensor', 'all'])
-@pytest.mark.parametrize(
-    ('n_biased', 'truth'), [(200, ()), (10, ()), (0, ()), (200, ('r1', 'r2'))]
-)
+@pytest.mark.parametrize('n_biased, truth', [(200, ()), (10, ()), (0, ()), (200, ('r1', 'r2'))])
 def test_a_link_without_truth_keeps_all_of_the_bounds_that_it_states(
     tmp_path, learn, told, per, n_biased, truth
 ):
@@ -256,9 +254,7 @@ def test_nothing_is_learned_of_what_the_localizer_rejects(
 
 
 @pytest.mark.parametrize('per', ['link', 'all'])
-def test_odometry_is_learned_between_its_restarts_where_the_truth_is_known(
-    tmp_path, learn, told, per
-):
+def test_odometry_is_learned_between_restarts_where_the_truth_is_known(tmp_path, learn, told, per):
     """That of r1, which counts 0.8 m for 1 m, starts anew elsewhere once; r2 has no truth."""
     recorder = Recorder()
     for step, stamp_s in enumerate(START_S + np.arange(0.0, 60.0, 0.1)):

@@ -149,9 +149,8 @@ def check_estimate(estimate, taker):
 
 def holds_truth(placement, fleet):
     """Return whether true distances are possible between the enclosures of a placement."""
-    low, high = np.moveaxis(
-        np.concatenate([placement.enclosure_m, placement.landmark_enclosure_m]), 1, 0
-    )
+    enclosures_m = np.concatenate([placement.enclosure_m, placement.landmark_enclosure_m])
+    low, high = np.moveaxis(enclosures_m, 1, 0)
     apart_m, least_m, most_m = (
         np.linalg.norm(ways, axis=-1)
         for ways in (

@@ -91,9 +91,7 @@ def test_cameras_leave_the_true_placement_only(fresh, paper_fleet):
         return half_widths[:2].max() < 1.0 and half_widths[5] < 0.5
 
     # An answer of a busy machine may be coarser than the next one.
-    fresh.until(
-        lambda: all(any(map(narrow, heard)) for heard in poses()), 'a narrow pose of every robot'
-    )
+    fresh.until(lambda: all(any(map(narrow, heard)) for heard in poses()), 'a narrow pose of each')
     places_m, yaws_rad = paper_fleet.in_frame_of(REFERENCE)
     for place_m, yaw_rad, heard in zip(places_m, yaws_rad, poses(), strict=True):
         for pose in heard:

@@ -254,10 +254,8 @@ def test_bounds_and_rates_that_are_set_take_effect_at_once(bench, make_node):
     node = make_node()
     bench.play_triangle()
     bench.until_placements(2)
-    results = node.set_parameters(
-        [Parameter('rate', value=20.0), Parameter('range.max_error', value=0.5)]
-    )
-    assert all(result.successful for result in results)
+    given = Parameter('rate', value=20.0), Parameter('range.max_error', value=0.5)
+    assert all(result.successful for result in node.set_parameters([*given]))
     assert node.settings.rate_hz == 20.0 and node.settings.fleet.range_error.max_error_m == 0.5
     bench.clear()
     bench.until_placements(2)

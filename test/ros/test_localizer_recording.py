@@ -77,9 +77,7 @@ def true_places(bag):
     with open_bag(bag) as opened:
         poses = read_truth(['/vrpn_client_node/{robot}_cap/pose'], settings, opened).poses
     columns = [zip(*poses[robot], strict=True) for robot in settings.fleet.robots]
-    tracks = [
-        (stamps_s, np.array(places_m) @ [1.0, 1.0j, 0.0]) for stamps_s, places_m, _ in columns
-    ]
+    tracks = [(stamps_s, np.array(places) @ [1.0, 1.0j, 0.0]) for stamps_s, places, _ in columns]
 
     def places_at(stamp_s):
         places = np.array([np.interp(stamp_s, *track) for track in tracks])

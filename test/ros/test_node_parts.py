@@ -280,9 +280,7 @@ def test_the_matrix_that_a_camera_published_before_the_start_is_taken(node):
     node.create_publisher(CameraInfo, '/a/info', latched).publish(CameraInfo())
     taken = []
     given = {'robots': POINTS, 'links': ['/a/info sensor_msgs/msg/CameraInfo a']}
-    inputs = Inputs(
-        node, settings_from(check_values(given)), lambda *message: taken.append(message)
-    )
+    inputs = Inputs(node, settings_from(check_values(given)), lambda *one: taken.append(one))
     node.create_timer(0.05, inputs.search)
     listener = Listener(node, {})
     assert listener.spin_until(lambda: taken)

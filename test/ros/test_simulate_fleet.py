@@ -99,6 +99,5 @@ def test_the_file_of_landmarks_is_that_of_the_simulation():
     text = (REPOSITORY / 'config/paper_fleet_landmarks.yaml').read_text()
     anchors = yaml.safe_load(text)['/**']['ros__parameters']['anchors']
     assert anchors.pop('names') == list(simulation.LANDMARKS_M)
-    assert anchors == {
-        name: {'position': list(place)} for name, place in simulation.LANDMARKS_M.items()
-    }
+    places = simulation.LANDMARKS_M.items()
+    assert anchors == {name: {'position': list(place)} for name, place in places}

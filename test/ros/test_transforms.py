@@ -221,9 +221,7 @@ def test_no_time_has_two_transforms(bench, make_node, heard):
     assert len(stamps) == len(heard)
 
 
-def test_nothing_lies_between_the_poses_before_and_after_a_restart_of_odometry(
-    bench, make_node, heard
-):
+def test_nothing_lies_between_poses_before_and_after_a_restart(bench, make_node, heard):
     """A driver that starts anew counts from another place, under the same name of the frame."""
     # Without memory answers are for now, and so between two poses, or beyond the last one.
     make_anchored_node(make_node, publish_tf=True, rate=50.0, memory__seconds=0.0)

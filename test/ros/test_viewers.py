@@ -43,12 +43,8 @@ def panels(kind):
 
 def estimate_of(paper_fleet, cameras):
     """Return what the localizer makes of one exact reading of everything."""
-    settings = settings_from(
-        check_values(
-            {'robots': paper_fleet.robots, 'reference_robot': 'robot_2', 'max_turn_rate': 0.5}
-        )
-    )
-    localizer = Localizer(settings.fleet)
+    given = {'robots': paper_fleet.robots, 'reference_robot': 'robot_2', 'max_turn_rate': 0.5}
+    localizer = Localizer(settings_from(check_values(given)).fleet)
     names = paper_fleet.robots
     for a, b in paper_fleet.edges:
         localizer.add_range(names[a], names[b], paper_fleet.range_m(a, b), 10.0, 10.0)

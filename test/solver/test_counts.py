@@ -107,9 +107,7 @@ def with_more(rng, positions, found):
     left = []
     for placed in found:
         apart = squared_distances(placed)
-        inside = all(
-            low - 1e-3 <= apart[pair] <= high + 1e-3 for pair, (low, high) in ranges.items()
-        )
+        inside = all(low - 1e-3 <= apart[x] <= high + 1e-3 for x, (low, high) in ranges.items())
         for c in sides:
             volumes = [_volume(placed, c.face, apex) for apex in (c.first, c.second)]
             inside &= volumes[0] * volumes[1] * (-1 if c.side is Side.OPPOSITE else 1) > -1e-3
@@ -249,9 +247,8 @@ def folded_strip(n_points, least=0.0, **constraints):
     """Return a strip of triangles, its ends at least so far apart as a part of their distance."""
     positions = [(i, 2 * (i % 2)) for i in range(n_points)]
     measured = [(i, j) for i in range(n_points) for j in (i + 1, i + 2) if j < n_points]
-    far = {
-        (0, n_points - 1): (least * squared_distances(np.array(positions, float))[0, -1], np.inf)
-    }
+    least_m2 = least * squared_distances(np.array(positions, float))[0, -1]
+    far = {(0, n_points - 1): (least_m2, np.inf)}
     return problem_of(positions, measured, far if least else {}, error=0.02, **constraints)
 
 

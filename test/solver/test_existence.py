@@ -27,9 +27,7 @@ def test_exact_and_wide_distances_in_space(seed):
     rng = np.random.default_rng(seed)
     truth = rng.random((8, 3))
     squared = squared_distances(truth)
-    ranges = {
-        pair: (0.9 * squared[pair], 1.1 * squared[pair]) for pair in combinations(range(8), 2)
-    }
+    ranges = {x: (0.9 * squared[x], 1.1 * squared[x]) for x in combinations(range(8), 2)}
     exact = [(i, j) for j in range(1, 8) for i in range(max(0, j - 2), j)]
     ranges |= {pair: (squared[pair], squared[pair]) for pair in exact}
     problem = Problem(*bounds(8, ranges), 3)

@@ -71,9 +71,8 @@ def lacking_of_joined(seed):
         return ['everything']
     check_counts(result)
     assert result.statistics.processed <= case.options.max_boxes
-    assert set(range(case.problem.n_points)) == {
-        p for piece in result.pieces for p in piece.points
-    }
+    points = {point for piece in result.pieces for point in piece.points}
+    assert points == set(range(case.problem.n_points))
     assert len(result.hypotheses) <= result.n_hypotheses
     return missing(result, case.positions)
 

@@ -118,17 +118,15 @@ def test_what_is_within_several_boxes_is_a_hypothesis_in_each():
     """A hinge whose ends are near each other or far apart; laid out anyhow they are neither."""
     problem = Problem.from_pairs(3, [0, 1], [1, 2], [0.98, 0.98], [1.02, 1.02])
     lower, upper = problem.lower.copy(), problem.upper.copy()
-    boxes = []
-    for low, high in ((0.01, 0.04), (3.24, 3.61)):
+    boxes, ends = [], ((0.01, 0.04), (3.24, 3.61))
+    for low, high in ends:
         bounds = lower.copy(), upper.copy()
         for bound, value in zip(bounds, (low, high), strict=True):
             bound[0, 2] = bound[2, 0] = value
         boxes.append(bounds)
     result = solve(problem, within=boxes)
     assert result.n_hypotheses >= len(result.hypotheses) == 2
-    for hypothesis, (low, high) in zip(
-        result.hypotheses, ((0.01, 0.04), (3.24, 3.61)), strict=True
-    ):
+    for hypothesis, (low, high) in zip(result.hypotheses, ends, strict=True):
         assert len(hypothesis.boxes) == 1
         assert low <= hypothesis.lower[0, 2] <= hypothesis.upper[0, 2] <= high
         apart_m2 = squared_distances(hypothesis.positions)[0, 2]
@@ -275,9 +273,8 @@ def test_every_piece_is_rigid_by_what_comes_before_it(dimension):
     rng = np.random.default_rng(10 + dimension)
     for _ in range(100):
         n_points = int(rng.integers(1, 15))
-        check_pieces(
-            n_points, near_pairs(rng, n_points, dimension, int(rng.integers(1, 9))), dimension
-        )
+        pairs = near_pairs(rng, n_points, dimension, int(rng.integers(1, 9)))
+        check_pieces(n_points, pairs, dimension)
 
 
 def test_a_part_hears_of_a_pair_from_a_piece_that_it_shares_no_joint_with():

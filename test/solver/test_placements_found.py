@@ -121,9 +121,7 @@ def test_every_epoch_that_obeys_its_bounds_is_covered(epochs, long_m, short_m, o
     assert len(epochs) == 1452
     obeyed, covered = 0, 0
     for measured, squared in epochs:
-        ranges = {
-            pair: (max(0.0, r - long_m) ** 2, (r + short_m) ** 2) for pair, r in measured.items()
-        }
+        ranges = {x: (max(0.0, r - long_m) ** 2, (r + short_m) ** 2) for x, r in measured.items()}
         result = solve(Problem(*bounds(4, ranges)), SolverOptions(resolution=0.05, max_boxes=100))
         lower, upper = bounds(4, ranges)
         if np.all((lower <= squared) & (squared <= upper)):

@@ -99,16 +99,15 @@ def test_the_law_of_cosines_excludes_no_triangle(first, second, angle, parts):
 def test_an_adjacent_side_excludes_no_triangle(places, slack):
     points = np.array(places)
     true = ((points[:, None] - points[None]) ** 2).sum(axis=-1)
-    widths = np.array(
-        [[0.0, slack[0], slack[1]], [slack[0], 0.0, slack[2]], [slack[1], slack[2], 0.0]]
-    )
+    a, b, c, less, more = slack
+    widths = np.array([[0.0, a, b], [a, 0.0, c], [b, c, 0.0]])
     lower, upper = np.maximum(true - widths, 0.0), true + widths
     edges = points[1:] - points[0]
     lengths = np.linalg.norm(edges, axis=1)
     if lengths.min() < 1e-3:
         return
     cosine = float(np.clip(edges[0] @ edges[1] / lengths.prod(), -1.0, 1.0))
-    low, high = max(-1.0, cosine - slack[3] - 1e-12), min(1.0, cosine + slack[4] + 1e-12)
+    low, high = max(-1.0, cosine - less - 1e-12), min(1.0, cosine + more + 1e-12)
     contract_adjacent_side(lower, upper, 0, 1, 2, low, high)
     assert lower[0, 1] - 1e-9 <= true[0, 1] <= upper[0, 1] + 1e-9
 
