@@ -13,11 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from dg_localization.interval.environment import default_environment
+from dg_localization.interval.pave import Examined, pave
 from dg_localization.poses.cover import WIDEST_YAW_RAD, Cover
 from dg_localization.poses.cuts import B_ERROR, BY_B, GROUP, OBSERVER, B
 from dg_localization.poses.differences import reach_of_differences
 from dg_localization.poses.half_spaces import HIGH, LOW, YAW, Z
-from dg_localization.poses.inversion import COUNT, FIRST, SPENT, examine
+from dg_localization.poses.inversion import COUNT, examine
 from dg_localization.poses.readings import PairReadings, start_bounds
 from dg_localization.poses.turns import HALF_TURN_UP, TURN
 
@@ -26,7 +27,7 @@ QUICK_GENERATIONS = 4
 """The first generations try only a few readings, spread over the window: all readings would not
 cut off much more of such large boxes."""
 
-CHUNK = 64
+BATCH = 64
 """Boxes between two checks of the clock."""
 
 _GOLDEN_RATIO = 0.5 * (math.sqrt(5.0) - 1.0)
@@ -57,7 +58,7 @@ class PairOptions:
     max_programs: int = 0
 
 
-class PosePaving(NamedTuple):
+class PosesFound(NamedTuple):
     """
     Boxes (m, 2, 4 n) that hold every pose of n bodies that readings allow.
 
@@ -70,9 +71,10 @@ class PosePaving(NamedTuple):
     guilty: np.ndarray
 
 
-class _Generation(NamedTuple):
-    """Boxes of equal depth that are still to be examined, in the arrays of `examine`."""
+class _Batch(NamedTuple):
+    """Boxes of equal depth that are examined at once, in the arrays of `examine`."""
 
+    depth: int
     boxes: np.ndarray
     tickets: np.ndarray
     pool: np.ndarray
@@ -100,32 +102,70 @@ def cover_poses(
     boxes = _start_boxes(table, options.max_outliers, height_m) if within is None else within.boxes
     if not np.all(np.isfinite(boxes)):
         return Cover(boxes, refined=False)
-    found = pave_poses(table, boxes, options, stopped)
+    found = find_poses(table, boxes, options, stopped)
     return Cover(found.boxes, found.refined)
 
 
-def pave_poses(
+def find_poses(
     table: np.ndarray, boxes: np.ndarray, options: PairOptions, stopped: Callable[[], bool]
-) -> PosePaving:
+) -> PosesFound:
     """Return the poses in finite boxes (m, 2, 4 n) that agree with the readings of a table."""
-    groups = int(table[:, GROUP].max(initial=0.0)) + 1
-    guilty = np.zeros(groups, np.int64)
-    everything = np.array([0, len(table), *[0] * groups])
-    generation = _Generation(boxes, np.tile(everything, (len(boxes), 1)), _spread(len(table)))
-    kept = boxes[:0]
-    depth = 0
-    while len(generation.boxes):
+    inversion = _Inversion(table, options, len(boxes))
+    paving = pave(
+        inversion.batches(boxes),
+        inversion.examine,
+        lambda paving, n_waiting: inversion.has_room() and not stopped(),
+        lambda batch: batch.depth,
+    )
+    left = [boxes[:0], *(batch.boxes for batch in (*paving.kept, *paving.pending))]
+    return PosesFound(np.concatenate(left), not paving.pending, inversion.guilty)
+
+
+class _Inversion:
+    """Set inversion over the readings of a table; counts the boxes of its cover."""
+
+    def __init__(self, table: np.ndarray, options: PairOptions, n_boxes: int) -> None:
+        self._table, self._options, self._n_boxes = table, options, n_boxes
+        self.guilty = np.zeros(int(table[:, GROUP].max(initial=0.0)) + 1, np.int64)
+
+    def has_room(self) -> bool:
+        """Return whether the cover may have more boxes."""
+        return self._n_boxes < self._options.max_boxes
+
+    def batches(self, boxes: np.ndarray) -> list[_Batch]:
+        """Return boxes of which no reading is decided."""
+        everything = np.array([0, len(self._table), *(0 * self.guilty)])
+        return _batches(0, boxes, np.tile(everything, (len(boxes), 1)), _spread(len(self._table)))
+
+    def examine(self, batch: _Batch) -> Examined[_Batch]:
+        """Cut the boxes of a batch, and halve the undecided ones, while there is room."""
+        depth, boxes, tickets, pool = batch
+        options, axes = self._options, boxes.shape[2]
         quick = depth < QUICK_GENERATIONS
-        most = QUICK_READINGS + options.max_outliers if quick else len(table)
-        room = options.max_boxes - len(kept)
-        done, rest, generation = _next_generation(
-            generation, table, (options, room, most), guilty, stopped
+        most = QUICK_READINGS + options.max_outliers if quick else len(self._table)
+        following = (
+            np.empty((2 * len(boxes), 2, axes)),
+            np.empty((2 * len(boxes), tickets.shape[1]), np.int64),
+            np.empty(int(tickets[:, COUNT].sum()), np.int64),
         )
-        kept = np.concatenate([kept, done])
-        if len(rest):
-            return PosePaving(np.concatenate([kept, rest, generation.boxes]), False, guilty)
-        depth += 1
-    return PosePaving(kept, True, guilty)
+        finished = np.empty((len(boxes) + 1, 2, axes))
+        gain = options.max_boxes - self._n_boxes
+        limits = (options.max_outliers, options.resolution_m, gain, most)
+        processed, listed, used, done = examine(
+            boxes, tickets, pool, self._table, limits, *following, finished, self.guilty
+        )
+        self._n_boxes += listed + done - processed
+        return Examined(
+            _batches(depth, finished[:done], tickets[:0], pool),
+            _batches(depth + 1, following[0][:listed], following[1][:listed], following[2][:used]),
+            _batches(depth, boxes[processed:], tickets[processed:], pool),
+        )
+
+
+def _batches(depth: int, boxes: np.ndarray, tickets: np.ndarray, pool: np.ndarray) -> list[_Batch]:
+    """Return boxes and their tickets in batches."""
+    starts = range(0, len(boxes), BATCH)
+    return [_Batch(depth, boxes[i : i + BATCH], tickets[i : i + BATCH], pool) for i in starts]
 
 
 def _start_boxes(
@@ -151,50 +191,3 @@ def _start_boxes(
 def _spread(count: int) -> np.ndarray:
     """Return all indices in an order whose first ones are spread over the whole range."""
     return np.argsort((np.arange(count) * _GOLDEN_RATIO) % 1.0, kind='stable')
-
-
-def _next_generation(
-    generation: _Generation,
-    table: np.ndarray,
-    limits: tuple[PairOptions, int, int],
-    guilty: np.ndarray,
-    stopped: Callable[[], bool],
-) -> tuple[np.ndarray, np.ndarray, _Generation]:
-    """
-    Examine a generation until there are too many boxes or the time is over.
-
-    `limits` are the options, the number of boxes with room, and the number of readings to try.
-    Returns the finished boxes, the boxes that were not examined, and the next generation.
-    """
-    options, room, most = limits
-    axes, columns = generation.boxes.shape[2], SPENT + len(guilty)
-    kept, parts = [generation.boxes[:0]], []
-    gain = room - len(generation.boxes)
-    examined, listed = 0, 0
-    while examined < len(generation.boxes) and not stopped():
-        boxes = generation.boxes[examined : examined + CHUNK]
-        tickets = generation.tickets[examined : examined + CHUNK]
-        out = _Generation(
-            np.empty((2 * len(boxes), 2, axes)),
-            np.empty((2 * len(boxes), columns), np.int64),
-            np.empty(int(tickets[:, COUNT].sum()), np.int64),
-        )
-        finished = np.empty((len(boxes) + 1, 2, axes))
-        kernel_limits = (options.max_outliers, options.resolution_m, gain, most)
-        processed, following, used, done = examine(
-            boxes, tickets, generation.pool, table, kernel_limits, *out, finished, guilty
-        )
-        out.tickets[:following, FIRST] += listed
-        kept.append(finished[:done])
-        parts.append(_Generation(out.boxes[:following], out.tickets[:following], out.pool[:used]))
-        gain -= following + done - processed
-        examined += processed
-        listed += used
-        if processed < len(boxes):
-            break
-    following_generation = _Generation(
-        np.concatenate([part.boxes for part in parts] or [generation.boxes[:0]]),
-        np.concatenate([part.tickets for part in parts] or [generation.tickets[:0]]),
-        np.concatenate([part.pool for part in parts] or [generation.pool]),
-    )
-    return np.concatenate(kept), generation.boxes[examined:], following_generation

@@ -12,14 +12,14 @@ part by contracted boxes, so no placement is lost.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from heapq import heappop, heappush
-from itertools import combinations, count
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dg_localization.fleet.frames.enclosure import MAX_BOXES
 from dg_localization.interval.arrays import Interval, determinant
+from dg_localization.interval.pave import Examined, pave
 from dg_localization.solver.box import component_hulls
 from dg_localization.solver.contract.coordinates import contract_coordinate_boxes
 
@@ -86,25 +86,26 @@ def _cells_of_point(
     star_lower, star_upper = np.zeros_like(lower), np.full_like(upper, np.inf)
     star_lower[row], star_upper[row] = lower[row], upper[row]
     star_lower[:, row], star_upper[:, row] = lower[:, row], upper[:, row]
-    whole = np.stack([region.lower[row], region.upper[row]])
-    # Widest first; the number breaks ties.
-    cells, numbers = [(-_width(whole), 0, whole)], count(1)
-    while 0 < len(cells) < MAX_BOXES:
-        *_, cell = heappop(cells)
+
+    def halves(cell: FloatArray) -> Examined[FloatArray]:
         axis = int(np.argmax(cell[1] - cell[0]))
         middle = 0.5 * (cell[0, axis] + cell[1, axis])
         if not cell[0, axis] < middle < cell[1, axis]:
-            return np.array([*(one for *_, one in cells), cell])
+            return Examined(kept=[cell])
+        parts = []
         for side in (0, 1):
             low, high = np.array(region.lower), np.array(region.upper)
             low[row], high[row] = cell
             (high if side == 0 else low)[row, axis] = middle
             if contract_coordinate_boxes(low, high, star_lower, star_upper):
-                half = np.stack([low[row], high[row]])
-                heappush(cells, (-_width(half), next(numbers), half))
-    return np.array([one for *_, one in cells]).reshape(-1, 2, region.lower.shape[1])
+                parts.append(np.stack([low[row], high[row]]))
+        return Examined(parts=parts)
 
-
-def _width(cell: FloatArray) -> float:
-    """Return the length of the longest side of a box, shape (2, q)."""
-    return max(map(float, cell[1] - cell[0]))
+    cells = pave(
+        [np.stack([region.lower[row], region.upper[row]])],
+        halves,
+        lambda found, n_waiting: len(found.kept) + n_waiting < MAX_BOXES,
+        lambda cell: -float(np.max(cell[1] - cell[0])),
+    )
+    found = np.array(cells.kept + cells.pending)
+    return found.reshape(-1, 2, region.lower.shape[1])

@@ -21,6 +21,7 @@ from itertools import combinations, islice
 
 import numpy as np
 
+from dg_localization.interval.pave import Examined, Paving, pave
 from dg_localization.solver.box import GAP_LOWER, LOWER, UPPER, FloatArray, IntArray
 from dg_localization.solver.contract.coordinates import (
     distances_to_region,
@@ -40,7 +41,6 @@ from dg_localization.solver.decompose.graph import BoolArray
 from dg_localization.solver.place.placements import place
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Statistics
-from dg_localization.solver.search.branch_and_prune import Paving
 from dg_localization.solver.search.budget import Budget
 from dg_localization.solver.search.search import accept_pending, search_in_one_box, search_share
 from dg_localization.solver.subproblem import (
@@ -163,16 +163,14 @@ class Growth:
         if seed is None:
             return None
         box = self._contracted(seed, as_box(self._problem.bounds_among(seed)))
-        growing = [] if box is None else [PartialBox(seed, box, len(seed))]
-        grown: list[PartialBox] = []
-        while growing and len(growing) + len(grown) <= MOST_PARTIAL_BOXES and not self._stopped():
-            partial = growing.pop()
-            new = self._extended(partial)
-            if new is None:
-                grown.append(partial)
-            else:
-                growing.extend(new)
-        return grown + growing
+        seeds = [] if box is None else [PartialBox(seed, box, len(seed))]
+        # The largest first: a contradiction shows before there are many partial boxes.
+        grown = pave(seeds, self._extended, self._goes_on, lambda partial: -len(partial.points))
+        return grown.kept + grown.pending
+
+    def _goes_on(self, grown: Paving[PartialBox], n_waiting: int) -> bool:
+        """Return whether there are few partial boxes, and there is time."""
+        return len(grown.kept) + n_waiting <= MOST_PARTIAL_BOXES and not self._stopped()
 
     def bounds(self, partial: PartialBox) -> Bounds:
         """Return bounds of all pairs of the problem for the placements in a partial box."""
@@ -181,27 +179,27 @@ class Growth:
         lower[index], upper[index] = partial.box[LOWER], partial.box[UPPER]
         return lower, upper
 
-    def _extended(self, partial: PartialBox) -> list[PartialBox] | None:
-        """Return the extensions of a partial box by one point; None if no point can be placed."""
+    def _extended(self, partial: PartialBox) -> Examined[PartialBox]:
+        """Return the extensions of a partial box by one point; keep it if none can be placed."""
         n_links = self._measured[:, partial.points].sum(axis=1)
         n_links[list(partial.points)] = 0
         within_reach = np.flatnonzero(n_links >= self._problem.dimension).tolist()
         if not within_reach:
-            return None
+            return Examined(kept=[partial])
         positions = place(partial.box, self._problem.dimension, REFERENCE_STEPS)
         for point in within_reach:
             trial = partial.trials.get(point)
             if trial is None or _is_outdated(trial, n_links[point], len(partial.points)):
                 trial = self._trial(partial, positions, point)
             if len(trial.regions) == 0:
-                return []
+                return Examined()
             partial.trials[point] = trial
         best = min(within_reach, key=lambda point: (*partial.trials[point].rank(), point))
         if partial.trials[best].n_links < n_links[best]:
             partial.trials[best] = self._trial(partial, positions, best)
         if len(partial.trials[best].regions) > MOST_PARTIAL_BOXES:
-            return None
-        return list(self._with_point(partial, best))
+            return Examined(kept=[partial])
+        return Examined(parts=list(self._with_point(partial, best)))
 
     def _trial(self, partial: PartialBox, positions: FloatArray, point: int) -> _Trial:
         """Return the possible regions of a further point."""
@@ -296,7 +294,7 @@ def is_grown(n_points: int, dimension: int) -> bool:
 
 def solve_grown(
     problem: Problem, budget: Budget, share: float, within: Sequence[Bounds] | None
-) -> Paving | None:
+) -> Paving[FloatArray] | None:
     """Solve a piece in space point by point; return None if it is not grown or has no seed."""
     if not is_grown(problem.n_points, problem.dimension) or budget.boxes_left() < LEAST_BOXES:
         return None

@@ -25,7 +25,8 @@ from itertools import islice
 import numpy as np
 
 from dg_localization.interval.environment import default_environment
-from dg_localization.solver.box import UPPER
+from dg_localization.interval.pave import Paving
+from dg_localization.solver.box import UPPER, FloatArray
 from dg_localization.solver.decompose.graph import Pair, Points
 from dg_localization.solver.options import SolverOptions
 from dg_localization.solver.patches.known_pairs import Ambiguities, KnownPairs, Patch
@@ -39,7 +40,7 @@ from dg_localization.solver.patches.neighborhoods import (
 from dg_localization.solver.place.hypotheses import hypotheses_of
 from dg_localization.solver.problem import Problem, points_of
 from dg_localization.solver.result import Hypothesis, Statistics
-from dg_localization.solver.search.branch_and_prune import Paving
+from dg_localization.solver.search.branch_and_prune import effort
 from dg_localization.solver.search.budget import Budget
 from dg_localization.solver.search.search import search
 from dg_localization.solver.subproblem import Bounds, restricted, restricted_boxes
@@ -64,7 +65,7 @@ class Subproblem:
 class SolvedSubproblem:
     """The cover of a part, its effort, and its hypotheses."""
 
-    cover: Paving
+    cover: Paving[FloatArray]
     statistics: Statistics
     hypotheses: Sequence[Hypothesis]
 
@@ -75,7 +76,7 @@ def solve_subproblem(part: Subproblem, budget: Budget) -> SolvedSubproblem:
         return SolvedSubproblem(Paving(), Statistics(), ())
     # One box at a time, so that the answer does not depend on the processors of a worker.
     cover = search(part.problem, budget, part.within, all_or_nothing=part.all_or_nothing)
-    statistics = cover.statistics(len(cover.pending), budget.seconds())
+    statistics = effort(cover, len(cover.pending), budget.seconds())
     if part.all_or_nothing and cover.pending:
         return SolvedSubproblem(cover, statistics, ())
     hypotheses = hypotheses_of(part.problem, cover.kept, cover.pending)

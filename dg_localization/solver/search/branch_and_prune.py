@@ -2,21 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Branch and prune: boxes are contracted and split until all are examined (Section 4).
+Branch and prune on distances: boxes are contracted and split until all are examined (Section 4).
 
-The steps that contract and split a box are arguments, so that all strategies share one loop.
+The steps that contract and split a box are arguments: strategies differ in these.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
-import heapq
-from itertools import count
 import math
 
 import numpy as np
 
+from dg_localization.interval.pave import Examined, Paving, pave
 from dg_localization.solver.box import (
     LOWER,
     UPPER,
@@ -58,85 +56,45 @@ def split(pruned: Pruned, resolution_m: float, at_gaps: bool = False) -> list[Fl
     return cut_at(box, (i[x], j[x]), middle, middle)
 
 
-@dataclass
-class Paving:
-    """The kept boxes of a search, the pending ones, and its effort."""
-
-    kept: list[FloatArray] = field(default_factory=list)
-    pending: list[FloatArray] = field(default_factory=list)
-    empty: int = 0
-    split: int = 0
-
-    @property
-    def processed(self) -> int:
-        """The number of examined boxes."""
-        return self.empty + self.split + len(self.kept)
-
-    def statistics(self, n_pending: int, seconds: float) -> Statistics:
-        """Return the effort so far."""
-        n_kept = len(self.kept)
-        return Statistics(self.processed, self.empty, self.split, n_kept, n_pending, seconds)
-
-
-class Queue:
-    """Boxes to examine, the widest first, so that an early stop leaves an even cover."""
-
-    def __init__(self) -> None:
-        self._heap: list[tuple[float, int, FloatArray]] = []
-        self._order = count()
-
-    def __len__(self) -> int:
-        return len(self._heap)
-
-    def push(self, box: FloatArray) -> None:
-        """Add a box."""
-        heapq.heappush(self._heap, (-_size_m(box), next(self._order), box))
-
-    def pop(self) -> FloatArray:
-        """Take the next box."""
-        return heapq.heappop(self._heap)[2]
-
-    def boxes(self) -> list[FloatArray]:
-        """Return all boxes in their order."""
-        return [box for _, _, box in sorted(self._heap)]
-
-
-def pave(
+def branch_and_prune(
     boxes: Iterable[FloatArray],
     contract: Callable[[FloatArray], Pruned],
     split: Callable[[Pruned], list[FloatArray]],
     budget: Budget,
     all_or_nothing: bool = False,
-) -> Paving:
+) -> Paving[FloatArray]:
     """
-    Cover all placements in some boxes by smaller boxes; those kept and pending hold every one.
+    Cover all placements in some boxes by smaller boxes, the widest box first.
 
-    `split` returns the parts of a contracted box, none if it is finished. With `all_or_nothing`,
-    the search ends as soon as it has more boxes than it may examine.
+    So an early stop leaves an even cover. `split` returns the parts of a contracted box, none if
+    it is finished. With `all_or_nothing`, the search ends as soon as it has more boxes than it may
+    examine.
     """
     most = budget.options.max_boxes
-    cover, queue = Paving(), Queue()
-    for box in boxes:
-        queue.push(box)
-    while queue and cover.processed < most and not budget.is_over():
-        pruned = contract(queue.pop())
+
+    def examine(box: FloatArray) -> Examined[FloatArray]:
+        pruned = contract(box)
         if pruned.status is Status.UNFINISHED:
-            queue.push(pruned.box)
-            continue
+            return Examined(rest=[pruned.box])
         if pruned.status is Status.EMPTY:
-            cover.empty += 1
-        elif parts := split(pruned):
-            cover.split += 1
-            for part in parts:
-                queue.push(part)
-        else:
-            cover.kept.append(pruned.box)
-        if budget.progress:
-            budget.progress(cover.statistics(len(queue), budget.seconds()))
-        if all_or_nothing and cover.processed + len(queue) > most:
-            break
-    cover.pending = queue.boxes()
-    return cover
+            return Examined()
+        parts = split(pruned)
+        return Examined(parts=parts) if parts else Examined(kept=[pruned.box])
+
+    def watch(cover: Paving[FloatArray], n_waiting: int) -> bool:
+        if budget.progress and cover.processed:
+            budget.progress(effort(cover, n_waiting, budget.seconds()))
+        if all_or_nothing and cover.processed + n_waiting > most:
+            return False
+        return cover.processed < most and not budget.is_over()
+
+    return pave(boxes, examine, watch, lambda box: -_size_m(box))
+
+
+def effort(cover: Paving[FloatArray], n_pending: int, seconds: float) -> Statistics:
+    """Return the effort of a search so far."""
+    n_kept = len(cover.kept)
+    return Statistics(cover.processed, cover.empty, cover.split, n_kept, n_pending, seconds)
 
 
 def _size_m(box: FloatArray) -> float:

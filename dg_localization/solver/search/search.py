@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from dg_localization.interval.kernels import until
+from dg_localization.interval.pave import Paving
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, Status
 from dg_localization.solver.contract.fixed_point import MOST_IDLE_TESTS, Contractor, Pruned
 from dg_localization.solver.contract.triangles import smooth
@@ -21,7 +22,7 @@ from dg_localization.solver.contract.widths import LEAST_GAIN
 from dg_localization.solver.place.hypotheses import place_problem
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Statistics
-from dg_localization.solver.search.branch_and_prune import Paving, pave, split
+from dg_localization.solver.search.branch_and_prune import branch_and_prune, effort, split
 from dg_localization.solver.search.budget import Budget
 from dg_localization.solver.subproblem import (
     MOST_CONTRACTED,
@@ -130,14 +131,14 @@ def search(
     within: Sequence[Bounds] | None = None,
     at_gaps: bool = False,
     all_or_nothing: bool = False,
-) -> Paving:
+) -> Paving[FloatArray]:
     """Cover all placements of a problem by boxes."""
     resolution_m = budget.options.resolution
     contractor = Contractor(problem, resolution_m)
     whole = contractor.whole()
     if whole is None:
         return Paving(empty=1)
-    cover = pave(
+    cover = branch_and_prune(
         [as_box(part) for part in parts_within([(whole[LOWER], whole[UPPER])], within)],
         lambda box: contractor.contract(box, budget.is_over),
         lambda pruned: [] if contractor.is_convex else split(pruned, resolution_m, at_gaps),
@@ -159,25 +160,25 @@ def search_share(
     within: Sequence[Bounds] | None = None,
     most_boxes: int | None = None,
     at_gaps: bool = False,
-) -> Paving:
+) -> Paving[FloatArray]:
     """Cover the placements of a part of a problem with a share of the remaining budget."""
     part = budget.part(share, most_boxes)
     cover = search(problem, part, within, at_gaps)
-    budget.spend(cover.statistics(len(cover.pending), part.seconds()))
+    budget.spend(effort(cover, len(cover.pending), part.seconds()))
     return cover
 
 
-def search_in_one_box(problem: Problem, budget: Budget, share: float = 1.0) -> Paving:
+def search_in_one_box(problem: Problem, budget: Budget, share: float = 1.0) -> Paving[FloatArray]:
     """Cover a problem by one box; if that fails, all is pending and costs nothing."""
     part = budget.part(share, 1, is_silent=True)
     cover = search(problem, part)
     if not cover.pending:
-        budget.spend(cover.statistics(0, part.seconds()))
+        budget.spend(effort(cover, 0, part.seconds()))
         budget.report(Statistics())
     return cover
 
 
-def accept_pending(cover: Paving, budget: Budget) -> None:
+def accept_pending(cover: Paving[FloatArray], budget: Budget) -> None:
     """Keep the pending boxes of a search unchanged, if enough boxes are left."""
     n_pending = len(cover.pending)
     if budget.keep(n_pending):
