@@ -48,6 +48,16 @@ def _in(
 INTERVAL = [
     *_in(
         'interval',
+        'pave',
+        ('test/solver/test_fleet.py', 'test/solver/test_stopped_early.py'),
+        (
+            'what the budget left open is not reported',
+            'paving.pending = [box for *_, box in sorted(waiting)]',
+            'paving.pending = []',
+        ),
+    ),
+    *_in(
+        'interval',
         'rounding',
         ('test/interval/test_rounding.py',),
         (
@@ -399,18 +409,13 @@ SEARCHING = [
         SEARCH,
         (
             'only the first part of a split is examined',
-            'for part in parts:',
-            'for part in parts[:1]:',
-        ),
-        (
-            'what the budget left open is not reported',
-            'cover.pending = queue.boxes()',
-            'cover.pending = []',
+            'Examined(parts=parts) if parts',
+            'Examined(parts=parts[:1]) if parts',
         ),
         (
             'an unfinished box is dropped',
-            '            queue.push(pruned.box)\n            continue',
-            '            continue',
+            'return Examined(rest=[pruned.box])',
+            'return Examined()',
         ),
     ),
     *_in(
