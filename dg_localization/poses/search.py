@@ -27,7 +27,7 @@ QUICK_GENERATIONS = 4
 """The first generations try only a few readings, spread over the window: all readings would not
 cut off much more of such large boxes."""
 
-BATCH = 64
+BATCH = 128
 """Boxes between two checks of the clock."""
 
 _GOLDEN_RATIO = 0.5 * (math.sqrt(5.0) - 1.0)
