@@ -42,7 +42,6 @@ Most times that linear programs narrow a box before it is halved. With 3, six ro
 less, and the tutorial's recording has one hypothesis in 111 answers in place of 132.
 """
 
-
 FRUITLESS = 12
 """The search ends after this many boxes without a gain: twice as many rarely gain anything."""
 
