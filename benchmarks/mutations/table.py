@@ -48,16 +48,6 @@ def _in(
 INTERVAL = [
     *_in(
         'interval',
-        'pave',
-        ('test/solver/test_fleet.py', 'test/solver/test_stopped_early.py'),
-        (
-            'what the budget left open is not reported',
-            'paving.pending = [box for *_, box in sorted(waiting)]',
-            'paving.pending = []',
-        ),
-    ),
-    *_in(
-        'interval',
         'rounding',
         ('test/interval/test_rounding.py',),
         (
@@ -401,6 +391,16 @@ SEARCHING = [
             'a gap that reaches over the lower end takes the upper one along',
             'return narrow(box, i, j, gap_high, high) if gap_high > low else True',
             'return narrow(box, i, j, gap_high, gap_high) if gap_high > low else True',
+        ),
+    ),
+    *_in(
+        'interval',
+        'pave',
+        SEARCH,
+        (
+            'what the budget left open is not reported',
+            'paving.pending = [box for *_, box in sorted(waiting)]',
+            'paving.pending = []',
         ),
     ),
     *_in(
