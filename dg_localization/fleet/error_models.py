@@ -15,6 +15,7 @@ from typing import Any, SupportsFloat, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dg_localization.fleet.checks import FARTHEST_M
 from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.fleet.rotations import rotation_of_quaternion
 from dg_localization.fleet.sensors import Mount, RangeErrorModel
@@ -287,24 +288,23 @@ def interpret_pose(
     """
     position, quaternion = real_numbers(position_xyz), real_numbers(orientation_xyzw)
     if position is not None and quaternion is not None:
-        scaled = error.scaled(position)
-        if _is_pose(scaled, quaternion):
+        if _is_pose(position, quaternion):
             rotation = rotation_of_quaternion(quaternion / math.sqrt(quaternion @ quaternion))
-            return position, scaled, rotation
+            return position, error.scaled(position), rotation
     text = (
         f'position {_written(position, position_xyz)}, orientation '
-        f'{_written(quaternion, orientation_xyzw)}: it must be three finite numbers and a '
-        'unit quaternion'
+        f'{_written(quaternion, orientation_xyzw)}: it must be three numbers up to '
+        f'{FARTHEST_M:g} m and a unit quaternion'
     )
     raise RefusedError(RejectionReason.INVALID_ODOMETRY, text)
 
 
 def _is_pose(position: np.ndarray, quaternion: np.ndarray) -> bool:
-    """Return whether numbers are a position and a unit quaternion."""
+    """Return whether numbers are a position that is not too far and a unit quaternion."""
     if position.shape != (3,) or quaternion.shape != (4,):
         return False
-    values_ok = all(map(math.isfinite, (*position.tolist(), *quaternion.tolist())))
-    return values_ok and abs(math.hypot(*quaternion.tolist()) - 1.0) < 0.01
+    is_near = all(abs(x) <= FARTHEST_M for x in position.tolist())
+    return is_near and abs(math.hypot(*quaternion.tolist()) - 1.0) < 0.01
 
 
 def _written(numbers: np.ndarray | None, given: ArrayLike) -> str:

@@ -94,8 +94,7 @@ class OdometryErrorModel:
         """
         if self.translation_scale == 1.0:
             return position_m
-        with np.errstate(over='ignore'):
-            return np.asarray(self.translation_scale * position_m)
+        return np.asarray(self.translation_scale * position_m)
 
     @property
     def centered_m(self) -> float:

@@ -242,6 +242,11 @@ def test_odometry_that_starts_anew_is_said_to_for_as_long_as_its_age_counts(loca
     assert restart(stamp_s) == "started anew: frame 'odom' has become 'base'"
 
 
+def test_odometry_whose_squares_would_overflow_is_rejected(localizer):
+    rejection = localizer.add_odometry('a', [0.0, -2e9, 0.0], UPRIGHT, *NOW)
+    assert rejection.reason is RejectionReason.INVALID_ODOMETRY and '1e+09 m' in rejection.text
+
+
 def test_arrays_of_the_caller_may_be_used_again(localizer):
     position, orientation, ray = np.zeros(3), np.array(UPRIGHT), np.array([[1.0, 0.0, 0.0]])
     for row in range(3):

@@ -501,3 +501,19 @@ def test_memory_answers_while_odometry_says_where_the_robots_go(odometry_goes_on
         if step < 10:
             localizer.add_range('r', 's', 1.0, now_s, now_s)
     assert bool(localizer.step(now_s).placements) is odometry_goes_on
+
+
+def test_a_robot_that_is_only_known_to_be_far_is_placed_by_what_was_measured_before():
+    localizer = new_localizer('abc', range_error={'beyond_max_is_far': True}, odometry_error={})
+    for step in range(20):
+        now_s = START_S + 0.1 * step
+        for robot, x_m in zip('abc', (0.0, 2.0, 1.0 + 0.1 * step), strict=True):
+            add_odometry(localizer, robot, (x_m, 0.0, 0.0), now_s)
+        localizer.add_range('a', 'b', 2.0, now_s, now_s)
+        range_m = 1.0 + 0.1 * step if step < 10 else math.inf
+        localizer.add_range('a', 'c', range_m, now_s, now_s, 0.0, 1.5)
+    estimate = localizer.step(now_s)
+    assert 'not connected' not in estimate.reason
+    for placement in estimate.placements:
+        assert np.isfinite(placement.positions_m).all()
+        assert np.isfinite(placement.enclosure_m).all()

@@ -21,7 +21,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.checks import FARTHEST_M
 from dg_localization.fleet.estimate import Estimate, FixedFrame, FrameKind, Placement
 from dg_localization.fleet.rotations import (
     best_rotation,
@@ -107,8 +106,6 @@ def body_pose(snapshot: Snapshot, robot: str, more_s: float = 0.0) -> BodyPose |
     if last is None or not last.frame or now_s - last.stamp_s > config.max_age_s + more_s:
         return None
     position_m = last.position_in_frame_m
-    if np.abs(position_m).max() > FARTHEST_M:
-        return None
     moved_m = snapshot.motion.displacement_m(robot, last.stamp_s, now_s)
     turn, turned_rad = snapshot.motion.turn(robot, last.stamp_s, now_s)
     # The stated pose may have been the true one that much before or after its stamp.

@@ -99,7 +99,9 @@ def place_robots(
     anchored = bool(snapshot.anchors.cores)
     robots_too = snapshot.config.window_outliers > 0
     alone = not anchored and len(snapshot.config.robots) == 2
-    apart = carried.pairs_apart((distance.key for distance in snapshot.distances), newest_s)
+    # That a target is far does not connect it.
+    near = (distance.key for distance in snapshot.distances if distance.upper_m < math.inf)
+    apart = carried.pairs_apart(near, newest_s)
     known = sorted(earlier.pairs.union(carried.tables))
     pairs = [
         pair
