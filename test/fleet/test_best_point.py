@@ -15,7 +15,7 @@ from shapes import check_form, in_space, random_rotation
 
 from benchmarks import beside
 from benchmarks.covariances import CASES, Row
-from dg_localization.fleet import RangeErrorModel
+from dg_localization.fleet import Mount, RangeErrorModel
 
 NOW_S = 10.0
 ANCHORS = {2: np.array([[0.0, 0.0], [9.0, 0.0], [2.0, 8.0]])}
@@ -169,6 +169,17 @@ def test_robots_that_met_are_no_further_off_than_their_enclosures():
     for placement in localizer.step(now_s).placements:
         sides_m = np.ptp(placement.enclosure_m, axis=1)
         assert np.all(placement.covariances[:, [0, 1], [0, 1]] <= sides_m**2)
+
+
+def test_a_robot_of_unknown_heading_may_be_on_any_side_of_its_tag():
+    tag_m = np.array([4.0, 3.0])
+    localizer = new_localizer(['r'], anchors_of(), mounts={'r': {'tag': Mount((0.4, 0.0))}})
+    add_ranges(localizer, 'r/tag', tag_m, anchors_of(), NOW_S)
+    (placement,) = localizer.step(NOW_S).placements
+    deviations_m = np.sqrt(placement.covariances[0, [0, 1], [0, 1]])
+    for angle in np.linspace(0.0, 2.0 * math.pi, 13):
+        robot_m = tag_m - 0.4 * np.array([math.cos(angle), math.sin(angle)])
+        assert np.all(np.abs(robot_m - placement.positions_m[0]) < 4.0 * deviations_m)
 
 
 def test_the_expected_error_moves_the_point_and_not_the_bounds():

@@ -284,7 +284,7 @@ def _covariances(terms: Terms, fit: Fit, spread: FloatArray | None, n_points: in
     excess = np.zeros_like(fit.matrix) if spread is None else spread - fit.matrix
     joint = _joint_covariance(fit, excess, n_points)
     # What ranges change to second order within this covariance counts as a further error.
-    curved = _curvatures(terms, fit, joint[rows[:, :3, None, None], rows[:, :3]])
+    curved = _curvatures(terms, fit, joint[rows[:, :, None, None], rows])
     if curved.max(initial=0.0) > SLIGHT:
         widened = terms._replace(weights=terms.weights / np.hypot(1.0, curved))
         matrix, _ = equations_at(widened, fit, robust=spread is not None)
@@ -292,24 +292,29 @@ def _covariances(terms: Terms, fit: Fit, spread: FloatArray | None, n_points: in
     return np.asarray(joint[rows[:, :, None], rows[:, None, :]])
 
 
-def _curvatures(terms: Terms, fit: Fit, covariance_m2: FloatArray) -> FloatArray:
+def _curvatures(terms: Terms, fit: Fit, covariance: FloatArray) -> FloatArray:
     """
     Return the second-order changes of ranges, in half widths; zero for other terms.
 
-    A range d grows by t^2 / (2 d) if an end moves by t across it. The covariance of the positions
-    has the shape (n, 3, n, 3).
+    A range d grows by t^2 / (2 d) if an end moves by t across it, and a turn by w moves the end of
+    an arm a by w x (w x a) / 2. The covariance of the points has the shape (n, 6, n, 6).
     """
-    n_points = len(covariance_m2)
+    n_points = len(covariance)
     ranges = np.flatnonzero((terms.kinds == RANGE) & (terms.bodies < n_points).all(axis=1))
-    first, second = terms.bodies[ranges].T
+    bodies = terms.bodies[ranges]
+    first, second = bodies.T
     lengths_m, along = (of_all[ranges] for of_all in lines_of(terms, fit.bodies))
-    apart = covariance_m2[first, :, first] + covariance_m2[second, :, second]
-    apart = apart - covariance_m2[first, :, second] - covariance_m2[second, :, first]
+    places = covariance[:, :3, :, :3]
+    apart = places[first, :, first] + places[second, :, second]
+    apart = apart - places[first, :, second] - places[second, :, first]
     across_m2 = np.trace(apart, axis1=1, axis2=2) - np.einsum('mi,mij,mj->m', along, apart, along)
+    arms_m = np.einsum('mbij,mbj->mbi', fit.bodies.rotations[bodies], terms.arms_m[ranges])
+    turns = covariance[bodies, 3:, bodies, 3:]
+    turned_m = np.einsum('mbij,mbj,mi->mb', turns, arms_m, along)
+    turned_m -= np.trace(turns, axis1=2, axis2=3) * np.einsum('mbi,mi->mb', arms_m, along)
+    changes_m = across_m2 / np.maximum(lengths_m, SHORTEST_M) + np.abs(turned_m).sum(axis=1)
     curved = np.zeros(len(terms.kinds))
-    curved[ranges] = (
-        UNIFORM * terms.weights[ranges] * across_m2 / (2.0 * np.maximum(lengths_m, SHORTEST_M))
-    )
+    curved[ranges] = 0.5 * UNIFORM * terms.weights[ranges] * changes_m
     return curved
 
 
