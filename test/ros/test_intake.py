@@ -296,7 +296,7 @@ def test_pixels_wait_for_the_matrix_of_their_own_camera(text_messages, link):
     take(intake, link, camera_info())
     frame = 'eye' if link.endswith('b') else 'nose'
     _, malformed = take(intake, f'/a/tags {TEXT} a', String(data=f'{frame} c:50:50'))
-    assert f"CameraInfo of a in frame '{frame}' has arrived" in malformed.last
+    assert f"CameraInfo of a in frame '{frame}', which has not arrived" in malformed.last
     hint = 'is there a link' if frame == 'eye' else "it has arrived in frames 'eye'"
     assert hint in malformed.last
     assert counts(localizer) == {}
@@ -319,7 +319,7 @@ def test_cameras_are_counted_and_a_topic_has_one():
         (['7'], "'7' is not allowed: it must read 'ID NAME'"),
         (['7 a b'], "'7 a b' is not allowed: .* 'ID NAME', or"),
         (['7 a', '7 b'], "'7 b' is not allowed: id '7' is named twice"),
-        (['7 z'], "'z' is not allowed, it must be one of a, b, p, or '-' for"),
+        (['7 z'], "'z' is not allowed, it must be one of a, b, p, or '-' to ignore"),
     ],
 )
 def test_wrong_table_is_refused(texts, wanted):
