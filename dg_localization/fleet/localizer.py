@@ -18,6 +18,7 @@ from dg_localization.fleet.estimate import Estimate
 from dg_localization.fleet.estimation import estimate_snapshot
 from dg_localization.fleet.intake import MeasurementIntake
 from dg_localization.fleet.mounts import mount_geometry
+from dg_localization.fleet.sensors import SensorBounds
 from dg_localization.fleet.snapshot import Snapshot, take_snapshot
 from dg_localization.fleet.window.follow import Follower
 from dg_localization.interval.environment import default_environment
@@ -31,6 +32,9 @@ LIMITS = frozenset(
     }
 )
 """Settings that limit the work and the answer, and do not change any reading."""
+
+BOUNDS = frozenset(field.name for field in fields(SensorBounds))
+"""Settings that hold for readings added after them; earlier readings keep their own bounds."""
 
 
 class Localizer(MeasurementIntake):
@@ -80,8 +84,9 @@ class Localizer(MeasurementIntake):
         """
         Change the settings.
 
-        Measurements are kept if only limits differ. They are forgotten otherwise, since readings
-        depend on the other settings.
+        Measurements are kept if only limits differ, and bounds of sensors that become narrower:
+        the wider bounds of earlier readings still hold. They are forgotten otherwise, since
+        readings depend on the other settings.
 
         Parameters
         ----------
@@ -97,8 +102,9 @@ class Localizer(MeasurementIntake):
         require_kind('config', config, FleetConfig)
         names = (each.name for each in fields(FleetConfig))
         changed = {name for name in names if getattr(self._config, name) != getattr(config, name)}
+        narrower = config.sensor_bounds.are_within(self._config.sensor_bounds)
         self._set_limits(config)
-        if changed <= LIMITS:
+        if narrower and changed <= LIMITS | BOUNDS:
             return True
         self.reset()
         return False

@@ -203,6 +203,30 @@ class SensorBounds:
         limits = {'bearing_half_width_rad': HALF_TURN, 'bearing_expected_error_rad': {}}
         keep_numbers(self, '', limits)
 
+    def are_within(self, other: SensorBounds) -> bool:
+        """Return whether every reading has bounds within those that `other` gives it."""
+        both = [(self, other), *zip(vars(self).values(), vars(other).values(), strict=True)]
+        # Bounds that cross are swapped, which widens them.
+        crossed = self.range_error.min_error_relative > self.range_error.max_error_relative
+        return (
+            self == other
+            or not crossed
+            and all(
+                sign * getattr(new, name) >= sign * getattr(old, name)
+                for new, old in both
+                for name, sign in NARROWER.items()
+                if hasattr(new, name)
+            )
+        )
+
+
+NARROWER = {
+    **dict.fromkeys(('min_error_m', 'min_error_relative', 'max_reading_m'), 1),
+    **dict.fromkeys(('max_error_m', 'max_error_relative', 'min_reading_m'), -1),
+    **{'beyond_max_is_far': 1, 'sigma_factor': -1, 'bearing_half_width_rad': -1},
+}
+"""Whether bounds are narrower where a value is greater (1) or smaller (-1)."""
+
 
 @dataclass(frozen=True)
 class Anchor:

@@ -244,6 +244,28 @@ def estimate_by(localizer, snapshot, monkeypatch, how):
         return localizer.estimate(snapshot)
 
 
+@pytest.mark.parametrize('seed', range(6))
+def test_bounds_that_become_narrower_keep_what_was_measured(seed):
+    history = History.draw([seed, 51], 3, 3 * (seed % 2), 6.0, cameras=True, memory_s=30.0)
+    narrow = history.config
+    wider = replace(narrow.range_error, min_error_m=-0.1, max_error_m=0.3)
+    history.config = wide = replace(narrow, range_error=wider, bearing_half_width_rad=0.2)
+
+    def between(localizer, time_s):
+        history.config = wide if time_s < 3.0 else narrow
+        assert localizer.configure(history.config)
+        return localizer
+
+    localizer = Localizer(wide)
+    for time_s, estimate in history.play(localizer, TICKS_S, between):
+        assert truth_is_inside(history, time_s, estimate) and not estimate.forgotten, time_s
+    remembered = localizer.snapshot(history.start_s + time_s).window.observations.values()
+    assert any(seen[0].stamp_s < history.start_s + 3.0 for seen in remembered)
+    crossed = replace(narrow.range_error, min_error_relative=0.1)
+    for other in (replace(narrow, range_error=crossed), wide):
+        assert not localizer.configure(other)
+
+
 @pytest.fixture(params=[0, 3])
 def history(request):
     """Two robots with and without anchors, whose pose sets are carried on."""

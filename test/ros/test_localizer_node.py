@@ -263,6 +263,9 @@ def test_bounds_and_rates_that_are_set_take_effect_at_once(bench, make_node):
     assert lower_m < 2.5
     assert node.set_parameters([Parameter('max_outliers', value=1)])[0].successful
     assert node._localizer.config.max_outliers == 1
+    for max_error_m, is_kept in ((0.4, True), (0.6, False)):
+        assert node.set_parameters([Parameter('range.max_error', value=max_error_m)])[0].successful
+        assert bool(node._localizer.snapshot(bench.now_s()).links) == is_kept
 
 
 @pytest.mark.parametrize(

@@ -180,7 +180,12 @@ class LocalizerNode(ManagedNode):
         if self._state == 'active' and settings.rate_hz != before.rate_hz:
             self.destroy_timer(self._ticker)
             self._start_ticker()
-        is_kept = self._localizer.configure(settings.fleet)
+        was, now = before.fleet.sensor_bounds, settings.fleet.sensor_bounds
+        # With overrides, bounds of a link may become wider where those of the fleet do not.
+        narrower = all(
+            x.bounds_within(now).are_within(x.bounds_within(was)) for x in settings.links
+        )
+        is_kept = self._localizer.configure(settings.fleet) and narrower
         if not is_kept and self._state in ('inactive', 'active'):
             self._forget('parameters have changed')
 
