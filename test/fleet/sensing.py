@@ -31,7 +31,11 @@ def anchors_at(places_m, bound_m=0.0):
 
 
 def new_localizer(robots, anchors=MappingProxyType({}), **settings):
-    """Return a localizer: models are given by their numbers, and anchors by their places."""
+    """
+    Return a localizer: models are given by their numbers, and anchors by their places.
+
+    What it remembers has no limit of time.
+    """
     for name, model in MODELS.items():
         given = settings.get(name)
         if isinstance(given, dict):
@@ -40,6 +44,7 @@ def new_localizer(robots, anchors=MappingProxyType({}), **settings):
             settings[name] = model(*given)
     if not any(isinstance(one, Anchor) for one in anchors.values()):
         anchors = anchors_at(anchors)
+    settings = {'memory_max_seconds': math.inf, **settings}
     return Localizer(FleetConfig(tuple(robots), anchors=anchors, **settings))
 
 

@@ -70,7 +70,6 @@ def driver(**settings):
     return new_localizer(
         ['r'],
         anchors=anchors_of(),
-        memory_max_seconds=math.inf,
         max_age_s=0.4,
         odometry_error=(0.1, 0.0, 0.0, 0.3, 0.02, 0.02),
         range_error=(0.0, 0.0, -0.1, 0.1),
@@ -275,7 +274,6 @@ def test_a_robot_that_was_carried_away_is_not_where_it_was_likely():
         range_error=(-0.1, 0.1, 0.0, 0.0),
         max_age_s=0.5,
         memory_s=8.0,
-        memory_max_seconds=math.inf,
         odometry_error=(0.02, 0.0, 0.0, 0.02, 0.01, 0.01),
     )
     answers = 0

@@ -20,13 +20,12 @@ NOW_S = 5.0
 
 def make(robots='abc', **settings):
     defaults = {
-        'robots': tuple(robots),
         'max_speed_m_s': 0.0,
         'max_turn_rate_rad_s': 1.0,
         'range_error': (0.0, 0.0, 0.0, 0.0),
         'bearing_half_width_rad': 0.1,
     }
-    return new_localizer(**{**defaults, **settings})
+    return new_localizer(robots, **{**defaults, **settings})
 
 
 def ray(angle_rad):

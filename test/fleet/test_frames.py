@@ -27,14 +27,13 @@ SQUARE = {'a': (0.0, 0.0), 'b': (4.0, 0.0), 'c': (3.0, 3.0), 'd': (-1.0, 4.0)}
 
 def make_localizer(robots, **settings):
     defaults = {
-        'robots': tuple(robots),
         'max_speed_m_s': 0.0,
         'max_turn_rate_rad_s': 0.0,
         'range_error': TIGHT,
         'bearing_half_width_rad': 0.01,
         'solver': {'resolution': 0.05, 'max_boxes': 200},
     }
-    return new_localizer(**{**defaults, **settings})
+    return new_localizer(robots, **{**defaults, **settings})
 
 
 def range_pairs(localizer, places, pairs=None):
@@ -197,13 +196,7 @@ def test_headings_that_contradict_rays_are_found_in_every_group():
     assert localizer.step(NOW_S).verdict is Verdict.INFEASIBLE
 
 
-CUBE = {
-    'a': (0.0, 0.0, 0.0),
-    'b': (4.0, 0.0, 0.0),
-    'c': (1.0, 3.0, 0.0),
-    'd': (2.0, 1.0, 3.0),
-    'e': (-1.0, 2.0, -2.0),
-}
+CUBE = {'a': (0, 0, 0), 'b': (4, 0, 0), 'c': (1, 3, 0), 'd': (2, 1, 3), 'e': (-1, 2, -2)}
 
 
 def test_in_space_two_rays_fix_a_heading_and_three_the_chirality():

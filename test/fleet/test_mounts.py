@@ -14,7 +14,7 @@ from sensing import add_odometry, add_ranges, new_localizer, ray
 from shapes import attitude, holds, in_space, random_rotation, turn
 
 from dg_localization import Verdict
-from dg_localization.fleet import Mount
+from dg_localization.fleet import Mount, OdometryErrorModel
 from dg_localization.fleet.rotations import quaternion_of, yaw_of
 
 NOW_S = 10.0
@@ -66,16 +66,13 @@ def test_sensors_of_a_parked_robot_turn_with_it():
     assert holds(estimate, [places['parked'], place])
 
 
-SITES = [1, 2, 3, 4, 5]
-
-
 @pytest.fixture(scope='module')
 def cart(shared):
     """Return the geometry of three tags on a trolley among eight anchors."""
     return json.loads((shared / 'data/lias_uwb/geometry.json').read_text())['14']
 
 
-@pytest.mark.parametrize('site', SITES)
+@pytest.mark.parametrize('site', range(1, 6))
 def test_every_true_pose_of_a_trolley_with_three_tags_is_inside(shared, cart, site):
     tag_height_m = (0.96, 0.985)
     localizer = new_localizer(
@@ -177,20 +174,9 @@ def test_rays_to_anchors_that_are_not_ranged_give_place_and_heading(mounts):
     assert placement.heading_half_width_rad[0] < 0.02
 
 
-ANCHORS_M = {
-    'a0': (0.0, 0.0, 0.5),
-    'a1': (8.0, 0.0, 2.0),
-    'a2': (3.0, 7.0, 0.0),
-    'a3': (8.0, 7.0, 3.0),
-}
+ANCHORS_M = {'a0': (0, 0, 0.5), 'a1': (8, 0, 2), 'a2': (3, 7, 0), 'a3': (8, 7, 3)}
 TAG_M = np.array([0.5, 0.2, 0.3])
-ERROR = {
-    'translation_per_m': 0.02,
-    'rotation_per_rad': 0.02,
-    'constant_m': 0.01,
-    'constant_rad': 0.01,
-    'tilt_rad': 0.02,
-}
+ERROR = OdometryErrorModel(0.02, 0.0, 0.0, 0.02, 0.01, 0.01, tilt_rad=0.02)
 
 
 def pose(time_s, dimension):
@@ -218,7 +204,6 @@ def drive(dimension, memory_s, *, lies=(), seed=0, noise_m=0.0, camera=False, **
         max_speed_m_s=2.0,
         max_turn_rate_rad_s=3.0,
         memory_s=memory_s,
-        memory_max_seconds=math.inf,
         solver={'resolution': 0.3, 'max_boxes': 60},
         **settings,
     )
@@ -296,7 +281,6 @@ def test_ranges_of_two_sensors_may_differ_without_a_suspect():
         mounts={'r': {'ahead': (0.5, 0.0), 'behind': (-0.5, 0.0)}},
         range_error=(-0.01, 0.01, 0.0, 0.0),
         odometry_error=ERROR,
-        memory_max_seconds=math.inf,
         window_outliers=1,
     )
     for tick in range(40):

@@ -185,7 +185,6 @@ def test_ranges_from_above_are_remembered(sensor):
             range_error=(-0.02, 0.02, 0.0, 0.0),
             max_speed_m_s=0.5,
             memory_s=memory_s,
-            memory_max_seconds=math.inf,
         )
         for tick in range(12):
             now_s = NOW_S + 0.5 * tick
@@ -231,7 +230,6 @@ class Listener:
             mounts={'r': {'tag': in_space(TAG_M)[:dimension]}},
             range_difference_error=DifferenceErrorModel(-stated_m, stated_m),
             odometry_error=OdometryErrorModel(0.01, 0.0, 0.005, 0.01, 0.002, 0.002, tilt_rad=0.0),
-            memory_max_seconds=math.inf,
             **given,
         )
         self.height_m, self.rng = height_m, np.random.default_rng(7)
@@ -336,7 +334,6 @@ def test_a_robot_that_hears_two_sensors_of_another_tells_how_that_is_turned(hear
         mounts={'s': {'left': (0.0, 3.0), 'right': (0.0, -3.0)}},
         range_difference_error=DifferenceErrorModel(-0.02, 0.02),
         odometry_error={},
-        memory_max_seconds=math.inf,
     )
     for step in range(40):
         time_s, angle = NOW_S + 0.1 * step, 0.05 * step

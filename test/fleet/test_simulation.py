@@ -5,17 +5,12 @@
 
 import numpy as np
 import pytest
+from solver_cases import orientation
 
 from benchmarks.problems import fleet_placements, squared_distances
 from dg_localization.simulation import moving_fleet as simulation
 
 TIMES_S = np.linspace(0.0, 600.0, 301)
-
-
-def chirality(a, b, c):
-    """Return the chirality of three points in the plane."""
-    (x1, y1), (x2, y2) = b - a, c - a
-    return np.sign(x1 * y2 - y1 * x2)
 
 
 def test_it_starts_as_the_fleet_of_the_paper():
@@ -27,9 +22,9 @@ def test_it_starts_as_the_fleet_of_the_paper():
 def test_the_sides_of_the_paper_hold_all_the_time(seed):
     motion = simulation.FleetMotion(speed_m_s=0.5, seed=seed)
     for time_s in TIMES_S:
-        p = motion.state(time_s).positions_m
+        p = motion.state(time_s).positions_m.tolist()
         for a, b, i, k in ((1, 2, 0, 3), (1, 3, 2, 5), (1, 5, 3, 4)):
-            assert chirality(p[a], p[b], p[i]) == -chirality(p[a], p[b], p[k])
+            assert orientation([p[a], p[b], p[i]]) == -orientation([p[a], p[b], p[k]])
 
 
 @pytest.mark.parametrize('speed', [0.05, 0.5])
@@ -64,13 +59,8 @@ def test_small_bounds_hold_in_single_precision(error):
 
 
 PERIOD_S = 0.05
-ERRORS = [
-    simulation.OdometryErrors(),
-    simulation.OdometryErrors(0.1, 0.02, 0.05, 0.2),
-    simulation.OdometryErrors(0.0, 0.0, 0.0, 0.3),
-    simulation.OdometryErrors(1.0, 0.5, 0.5, 1.0),
-    simulation.OdometryErrors(0.0, 0.0, 0.1, 0.0),
-]
+TERMS = (), (0.1, 0.02, 0.05, 0.2), (0.0, 0.0, 0.0, 0.3), (1.0, 0.5, 0.5, 1.0), (0.0, 0.0, 0.1)
+ERRORS = [simulation.OdometryErrors(*terms) for terms in TERMS]
 
 
 def tracks(errors, path, seed=2):

@@ -418,7 +418,6 @@ def localizer_of(robots, **settings):
         robots,
         odometry_error={'translation_per_m': 0.01},
         memory_s=MEMORY_S,
-        memory_max_seconds=math.inf,
         max_age_s=0.3,
         **settings,
     )

@@ -83,15 +83,6 @@ def tiny(tmp_path):
     return Tiny(tmp_path)
 
 
-@pytest.fixture
-def home(tmp_path, monkeypatch):
-    """Where caches are looked for by default."""
-    for name in ('NUMBA_CACHE_DIR', 'XDG_CACHE_HOME'):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv('HOME', str(tmp_path))
-    return tmp_path
-
-
 def test_kernels_are_kept_until_their_source_changes(tiny):
     assert tiny.run() == [[6.0], 0, 1, '']
     assert tiny.run() == [[6.0], 1, 0, '']
@@ -145,8 +136,9 @@ def test_no_place_for_a_cache_is_no_crash(tiny, place):
     assert 'compiled kernels cannot be kept' in refusal and place in refusal
 
 
-def test_a_constant_of_another_file_dates_the_folder(home, monkeypatch):
-    package = home / 'dg_localization'
+def test_a_constant_of_another_file_dates_the_folder(tmp_path, monkeypatch):
+    monkeypatch.setenv('NUMBA_CACHE_DIR', str(tmp_path / 'cache'))
+    package = tmp_path / 'dg_localization'
     package.mkdir()
     files = {
         'a.py': 'from dg_localization.interval.kernels import kernel\n'

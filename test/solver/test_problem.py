@@ -155,17 +155,11 @@ def test_a_problem_is_its_own_copy():
         problem.upper[0, 1] = 5.0
 
 
-SOME_PAIRS = {
-    'n_points': 4,
-    'i': [0, 1, 3],
-    'j': [1, 2, 2],
-    'lower': [1.0] * 3,
-    'upper': [2.0] * 3,
-}
+LISTED = {'n_points': 4, 'i': [0, 1, 3], 'j': [1, 2, 2], 'lower': [1.0] * 3, 'upper': [2.0] * 3}
 
 
 def test_a_problem_of_listed_pairs_is_that_of_its_matrices():
-    problem = Problem.from_pairs(**SOME_PAIRS, chiralities=[Chirality((0, 1, 2), 1)])
+    problem = Problem.from_pairs(**LISTED, chiralities=[Chirality((0, 1, 2), 1)])
     listed = {(0, 1): (1.0, 2.0), (1, 2): (1.0, 2.0), (2, 3): (1.0, 2.0)}
     lower, upper = bounds(4, listed)
     assert (problem.lower == lower).all() and (problem.upper == upper).all()
@@ -181,7 +175,7 @@ def test_a_problem_of_listed_pairs_is_that_of_its_matrices():
 
 def test_bounds_of_listed_pairs_are_rounded_outward():
     wide = 2**53 + 1
-    given = {**SOME_PAIRS, 'lower': [wide, 1, 1], 'upper': [wide, Fraction(1, 3) + 1, 2]}
+    given = {**LISTED, 'lower': [wide, 1, 1], 'upper': [wide, Fraction(1, 3) + 1, 2]}
     pairs = Problem.from_pairs(**given).pairs
     lower, upper = pairs.lower.tolist(), pairs.upper.tolist()
     assert lower[0] < wide < upper[0] and upper[1] > Fraction(4, 3)
@@ -205,7 +199,7 @@ def test_bounds_of_listed_pairs_are_rounded_outward():
 )
 def test_wrong_pairs(wrong, text):
     with pytest.raises(InvalidProblemError, match=text):
-        Problem.from_pairs(**{**SOME_PAIRS, **wrong})
+        Problem.from_pairs(**{**LISTED, **wrong})
 
 
 @pytest.mark.parametrize(

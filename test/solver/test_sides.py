@@ -64,12 +64,6 @@ def test_two_chiralities_of_disjoint_triangles():
     """They share no face: only the product of their volumes tells them apart."""
     positions = np.array([[0, 0], [4, 0], [0, 3], [9, 9], [13, 9], [9, 12]])
     squared = squared_distances(positions)
-    signs = {
-        sign: solve(
-            Problem(
-                squared, squared, chiralities=[Chirality((0, 1, 2), 1), Chirality((3, 4, 5), sign)]
-            )
-        ).verdict
-        for sign in (1, -1)
-    }
-    assert signs == {1: Verdict.COVERED, -1: Verdict.INFEASIBLE}
+    for sign, verdict in ((1, Verdict.COVERED), (-1, Verdict.INFEASIBLE)):
+        chiralities = [Chirality((0, 1, 2), 1), Chirality((3, 4, 5), sign)]
+        assert solve(Problem(squared, squared, chiralities=chiralities)).verdict is verdict

@@ -8,6 +8,7 @@ from itertools import combinations
 from multiprocessing import get_context
 import pickle
 import threading
+from unittest.mock import Mock
 
 from joined_cases import FIRST_SEED, PROBLEMS, joined_case, missing
 import numpy as np
@@ -255,14 +256,10 @@ def test_what_no_worker_solves_in_time_or_before_it_is_cancelled_is_left_open(ma
 
 
 def test_an_error_of_a_worker_is_raised():
-    class Broken(LaterExecutor):
-        def submit(self, function, *args):
-            future = Future()
-            future.set_exception(TimeoutError('the worker is gone'))
-            return future
-
+    failed = Future()
+    failed.set_exception(TimeoutError('the worker is gone'))
     with pytest.raises(TimeoutError, match='the worker is gone'):
-        solve(PROBLEMS['one large piece'], executor=Broken())
+        solve(PROBLEMS['one large piece'], executor=Mock(submit=Mock(return_value=failed)))
 
 
 def test_an_answer_is_pickled_without_those_who_might_have_stopped_it():
