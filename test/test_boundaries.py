@@ -84,14 +84,10 @@ def test_imports_point_one_way_and_the_core_names_no_ros_package(path):
 
 def test_no_circle_of_imports():
     # The packages that a module lies in are imported before it, whatever it says.
-    graph = {
-        module: {
-            other
-            for other in imported_modules(path) & MODULES.keys()
-            if not f'{module}.'.startswith(f'{other}.')
-        }
-        for module, path in MODULES.items()
-    }
+    graph = {}
+    for module, path in MODULES.items():
+        others = imported_modules(path) & MODULES.keys()
+        graph[module] = {other for other in others if not f'{module}.'.startswith(f'{other}.')}
     graphlib.TopologicalSorter(graph).prepare()
 
 

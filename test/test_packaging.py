@@ -112,11 +112,8 @@ def test_only_numpy_is_required(setup_arguments):
 def test_a_package_that_a_message_says_to_install_is_one_of_an_extra(setup_arguments):
     extras = [text for extra in setup_arguments.extras_require.values() for text in extra]
     offered = {re.match(r'[\w.-]+', text).group() for text in extras}
-    named = {
-        name
-        for path in SOURCES
-        for name in re.findall(r'install_hint\(["\']([\w.-]+)', path.read_text(encoding='utf-8'))
-    }
+    texts = (path.read_text(encoding='utf-8') for path in SOURCES)
+    named = {name for text in texts for name in re.findall(r'install_hint\(["\']([\w.-]+)', text)}
     assert named and named <= offered
 
 

@@ -103,16 +103,9 @@ def test_a_beacon_whose_bounds_do_not_hold_is_named(is_wrong):
 
 def test_a_proved_point_as_published_meets_every_range():
     """The solver's placement in this fleet is sometimes that of another hypothesis."""
-    ranges_m = {
-        (0, 3): 2.349633,
-        (0, 4): 2.392999,
-        (0, 5): 0.696807,
-        (1, 2): 0.539641,
-        (1, 4): 3.202451,
-        (2, 5): 1.599008,
-        (3, 5): 1.702298,
-        (4, 5): 2.812894,
-    }
+    pairs = (0, 3), (0, 4), (0, 5), (1, 2), (1, 4), (2, 5), (3, 5), (4, 5)
+    readings_m = 2.349633, 2.392999, 0.696807, 0.539641, 3.202451, 1.599008, 1.702298, 2.812894
+    ranges_m = dict(zip(pairs, readings_m, strict=True))
     robots = tuple(f'r{i}' for i in range(6))
     localizer = new_localizer(robots, range_error=(0.0, 0.0, -0.01, 0.01))
     for (i, j), range_m in ranges_m.items():

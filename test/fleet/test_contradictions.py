@@ -427,12 +427,9 @@ def test_wrong_observations_that_are_exposed_never_cost_the_truth(
         return
     liars = {pairs[i] for i in rng.choice(len(pairs), wrong, replace=False)}
     elsewhere = places + rng.uniform(-4.0, 4.0, places.shape) if agreeing else None
-    localizer = make_trio(
-        robots=tuple(points[:robots]),
-        anchors=dict(zip(points[robots:], places[robots:], strict=True)),
-        max_outliers=wrong,
-        max_hypotheses=5000,
-    )
+    fleet = {'robots': points[:robots]}
+    fleet['anchors'] = dict(zip(points[robots:], places[robots:], strict=True))
+    localizer = make_trio(**fleet, max_outliers=wrong, max_hypotheses=5000)
     for i, j in pairs:
         reading = math.dist(places[i], places[j]) * rng.uniform(0.981, 1.019)
         if (i, j) in liars:

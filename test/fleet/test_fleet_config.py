@@ -225,12 +225,7 @@ fraction = st.floats(-0.9, 0.9)
     share=st.fractions(0, 1),
 )
 def test_every_true_distance_of_the_model_is_inside(reading, absolute, relative, share):
-    model = RangeErrorModel(
-        min_error_m=min(absolute),
-        max_error_m=max(absolute),
-        min_error_relative=min(relative),
-        max_error_relative=max(relative),
-    )
+    model = RangeErrorModel(min(absolute), max(absolute), min(relative), max(relative))
     lower, upper = distance_bounds_m(model, reading)
     exact = Fraction(reading)
     low = Fraction(min(absolute)) + Fraction(min(relative)) * exact

@@ -126,13 +126,9 @@ def test_a_browser_without_a_network_shows_the_page(page, tmp_path):
         + (f'user-data-dir={tmp_path / "profile"}', f'screenshot={shot}')
         + ('host-resolver-rules=MAP * ~NOTFOUND',)
     )
-    shown = subprocess.run(
-        [browser, *(f'--{option}' for option in options), page.as_uri()],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=True,
-    ).stdout
+    command = browser, *(f'--{option}' for option in options), page.as_uri()
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    shown = done.stdout
     assert shown.count('<svg') == 1 and '<h2>Configuration</h2>' in shown
     hues, saturations, _ = np.moveaxis(rgb_to_hsv(image.imread(shot)[:, :, :3]), -1, 0)
     for color in COLORS[:3]:

@@ -3,6 +3,7 @@
 
 """Whatever is sent is counted, and only readings that can be true enter the problem."""
 
+from functools import partial
 import os
 from random import Random
 
@@ -151,14 +152,10 @@ def holds_truth(placement, fleet):
     """Return whether true distances are possible between the enclosures of a placement."""
     enclosures_m = np.concatenate([placement.enclosure_m, placement.landmark_enclosure_m])
     low, high = np.moveaxis(enclosures_m, 1, 0)
-    apart_m, least_m, most_m = (
-        np.linalg.norm(ways, axis=-1)
-        for ways in (
-            fleet.positions_m[:, None] - fleet.positions_m,
-            np.maximum(low[:, None] - high, low - high[:, None]).clip(0.0),
-            np.maximum(high[:, None] - low, high - low[:, None]),
-        )
-    )
+    norms = partial(np.linalg.norm, axis=-1)
+    apart_m = norms(fleet.positions_m[:, None] - fleet.positions_m)
+    least_m = norms(np.maximum(low[:, None] - high, low - high[:, None]).clip(0.0))
+    most_m = norms(np.maximum(high[:, None] - low, high - low[:, None]))
     off = ~np.eye(len(apart_m), dtype=bool)
     inside = (least_m - TOLERANCE_M <= apart_m) & (apart_m <= most_m + TOLERANCE_M)
     return bool(inside[off].all())

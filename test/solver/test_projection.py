@@ -131,12 +131,8 @@ def test_the_far_side_is_bounded_by_its_exact_range(seed):
     widths *= rng.random(3) * [10.0 * scale**2, 5.0 * scale, 5.0 * scale]
     (a_ends, t_ends, d_ends) = np.column_stack([starts, starts + widths]).tolist()
     lengths = [*d_ends, min(max(t_ends[1], d_ends[0]), d_ends[1])]
-    exact = [
-        a + d * d - 2 * d * t
-        for a in map(Fraction, a_ends)
-        for t in map(Fraction, t_ends)
-        for d in map(Fraction, lengths)
-    ]
+    ends = (map(Fraction, numbers) for numbers in (a_ends, t_ends, lengths))
+    exact = [a + d * d - 2 * d * t for a, t, d in itertools.product(*ends)]
     low, high = far_squared_distance(*a_ends, *t_ends, *d_ends)
     slack = Fraction(1e-14 * 1000.0 * scale**2)
     assert low <= min(exact) <= low + slack
