@@ -13,10 +13,8 @@ import yaml
 REPOSITORY = Path(__file__).parents[1]
 README = REPOSITORY / 'README.md'
 DOCS = sorted((REPOSITORY / 'docs').glob('*.md'))
-NOTES = [
-    REPOSITORY / 'benchmarks/README.md',
-    *sorted((REPOSITORY / 'benchmarks/notes').glob('*.md')),
-]
+BENCHMARKS = REPOSITORY / 'benchmarks'
+NOTES = [BENCHMARKS / 'README.md', *sorted((BENCHMARKS / 'notes').glob('*.md'))]
 PAGES = [README, *DOCS, *NOTES]
 
 
@@ -106,10 +104,8 @@ def test_words_are_few_and_in_alphabetical_order():
 
 @pytest.mark.parametrize('page', ['development.md', 'rigor.md'])
 def test_files_that_a_page_names_exist(page):
-    bases = (
-        REPOSITORY,
-        *(REPOSITORY / 'dg_localization' / room for room in ('', 'solver', 'fleet')),
-    )
+    package = REPOSITORY / 'dg_localization'
+    bases = REPOSITORY, package, package / 'solver', package / 'fleet'
     text = without_code(text_of(REPOSITORY / 'docs' / page))
     named = [found for found in re.findall(r'`([\w./]+/[\w./]*)`', text) if found[0] != '.']
     assert len(named) > 10

@@ -94,11 +94,8 @@ def test_a_pause_repeats_no_window_and_is_in_none():
     # The truth goes on while the odometry pauses for 10 min.
     paused = np.where(stamps < 30.0, stamps, stamps + 600.0)
     known = np.arange(0.0, 700.0, 0.5)
-    truth = TrueTrack(
-        known,
-        np.column_stack([np.interp(known, paused, places[:, axis]) for axis in range(3)]),
-        quaternions(np.interp(known, paused, yaws)),
-    )
+    true = np.column_stack([np.interp(known, paused, column) for column in places.T])
+    truth = TrueTrack(known, true, quaternions(np.interp(known, paused, yaws)))
     windows = odometry_windows(paused, places, rotations_about_z(yaws), truth)
     spans = set(zip(windows.begin_s, windows.seconds, strict=True))
     assert len(windows.seconds) == len(spans) > 200

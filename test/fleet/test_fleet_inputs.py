@@ -363,12 +363,11 @@ def test_odometry_that_starts_anew_is_no_motion():
 
     _, state = watched(lambda step: 3.0, jumping, max_speed_m_s=1.0)
     assert state.stuck == ''
-    moving_after = {'a': (0.0, 0.0), 'b': (0.0, 0.0)}
-    _, state = watched(
-        lambda step: 3.0,
-        lambda step: moving_after if step < 5 else {'b': (100.0 + 0.1 * step, 0.0)},
-        max_speed_m_s=1.0,
-    )
+
+    def moving_after(step):
+        return parked(step) if step < 5 else {'b': (100.0 + 0.1 * step, 0.0)}
+
+    _, state = watched(lambda step: 3.0, moving_after, max_speed_m_s=1.0)
     assert state.stuck.endswith('while b moved by 0.5 m')
 
 

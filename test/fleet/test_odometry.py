@@ -299,12 +299,8 @@ def test_a_robot_at_its_limit_far_from_the_origin_does_not_restart_its_odometry(
 @pytest.mark.parametrize('seed', range(50))
 def test_a_way_whose_steps_err_by_their_bounds_stays_within(seed):
     rng = np.random.default_rng(seed)
-    errors = {
-        'translation_per_m': rng.choice([0.0, 0.1]),
-        'translation_per_rad': rng.choice([0.0, 0.05]),
-        'rotation_per_m': rng.choice([0.0, 0.2]),
-        'rotation_per_rad': rng.choice([0.0, 0.3]),
-    }
+    most = zip(TERMS, (0.1, 0.05, 0.2, 0.3), strict=True)
+    errors = {term: rng.choice([0.0, error]) for term, error in most}
     drive = draw_drive(rng, 61, OdometryErrorModel(**errors), True, np.array([1.0, 1.0, 0.0]))
     readings = [OdometrySample(1.0 + k, *stated) for k, stated in enumerate(drive.stated)]
     (first_m, first_rad, *_), (last_m, last_rad, *_) = drive.true[0], drive.true[-1]

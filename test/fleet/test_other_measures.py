@@ -348,12 +348,10 @@ def test_a_robot_that_hears_two_sensors_of_another_tells_how_that_is_turned(hear
     estimate = localizer.step(time_s)
     # r is at the origin, and sees s along x.
     yaw_rad = -math.atan2(*-place_m[1::-1])
-    turned = [
-        half_width_rad < 0.5
-        and abs(math.remainder(yaw_of(xyzw) - yaw_rad, math.tau)) <= half_width_rad
-        for one in estimate.placements
-        for xyzw, half_width_rad in [(one.orientations_xyzw[1], one.heading_half_width_rad[1])]
-    ]
+    turned = []
+    for one in estimate.placements:
+        off_rad = math.remainder(yaw_of(one.orientations_xyzw[1]) - yaw_rad, math.tau)
+        turned.append(abs(off_rad) <= one.heading_half_width_rad[1] < 0.5)
     assert any(turned) == hears
 
 

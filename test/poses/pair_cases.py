@@ -103,10 +103,8 @@ def _distances(rng, distance):
     bounds = around(rng, distance, rng.choice([0.0, 0.03, 0.2]) * distance)
     unknown = rng.random(distance.shape) < 0.2
     unknown[0] = False
-    return Interval(
-        np.where(unknown, 0.0, np.maximum(bounds.lower, 0.0)),
-        np.where(unknown, math.inf, bounds.upper),
-    )
+    least = np.where(unknown, 0.0, np.maximum(bounds.lower, 0.0))
+    return Interval(least, np.where(unknown, math.inf, bounds.upper))
 
 
 def _differences(rng, spread_m, truth, poses, stated, points, by_b):

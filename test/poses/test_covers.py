@@ -37,10 +37,8 @@ def box(x, y, yaw):
 
 def test_a_ring():
     zero = points([0.0, 0.0, 0.0])
-    cover = cover_poses(
-        PairReadings.of(zero, zero, ranges([4.0], 0.5)),
-        PairOptions(resolution_m=0.05, max_boxes=10000),
-    )
+    options = PairOptions(resolution_m=0.05, max_boxes=10000)
+    cover = cover_poses(PairReadings.of(zero, zero, ranges([4.0], 0.5)), options)
     assert cover.refined and len(cover.components) == 1
     assert np.allclose(cover.position_m.lower, [-4.5, -4.5, 0.0], atol=1e-9)
     assert np.allclose(cover.position_m.upper, [4.5, 4.5, 0.0], atol=1e-9)
@@ -151,12 +149,9 @@ def test_no_truth_is_lost_on_a_grid(xy, x, y, quarter):
     a, b = np.hstack([cells[:, :2], level]), np.hstack([cells[:, 2:4], level])
     yaw = quarter * math.pi / 2
     w = np.array([x, y, 0.0]) + np.round(turn(yaw, b)) - a
-    squares = (w**2).sum(axis=-1)
-    readings = PairReadings.of(
-        Interval.point(a),
-        Interval.point(b),
-        Interval.point(np.sqrt(squares)).hull(Interval.around(np.sqrt(squares), 1e-9)),
-    )
+    lengths = np.sqrt((w**2).sum(axis=-1))
+    distances = Interval.point(lengths).hull(Interval.around(lengths, 1e-9))
+    readings = PairReadings.of(Interval.point(a), Interval.point(b), distances)
     cover = cover_poses(readings, PairOptions(resolution_m=2.0, max_boxes=200))
     assert cover.contains(np.array([x, y, 0.0]), yaw)
 

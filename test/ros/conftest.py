@@ -241,10 +241,8 @@ class Bench:
 
     def until_placements(self, number, robots=3):
         """Wait for an answer with a number of placements of some robots."""
-        self.until(
-            lambda: self.heard.fleet and len(self.heard.fleet[-1].poses) == number * robots,
-            f'{number} placements',
-        )
+        heard, count = self.heard.fleet, number * robots
+        self.until(lambda: heard and len(heard[-1].poses) == count, f'{number} placements')
 
     def until(self, condition, what, deadline_s=DEADLINE_S):
         """Spin, and send what is being played, until `condition()` is true; return its value."""

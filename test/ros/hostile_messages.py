@@ -198,10 +198,8 @@ class HostileFleet:
         return distance_m * self.random.uniform(0.975, 1.025)
 
     def _ray(self, observer, target):
-        gap, yaw_rad = (
-            self._gap(observer, target),
-            self.yaws_rad[self.config.points.index(observer)],
-        )
+        gap = self._gap(observer, target)
+        yaw_rad = self.yaws_rad[self.config.points.index(observer)]
         turn = self.random.uniform(-0.045, 0.045) - yaw_rad
         c, s = math.cos(turn), math.sin(turn)
         ray = np.array([c * gap[0] - s * gap[1], s * gap[0] + c * gap[1], gap[2]])

@@ -147,10 +147,8 @@ def test_there_is_a_pose_only_while_one_hypothesis_is_left(made):
 
 
 def test_landmarks_are_drawn_and_named_once():
-    made = estimate(
-        *[placement(k, landmarks_m=np.array([[9.0, 9.0]])) for k in range(64)],
-        landmarks=('beacon',),
-    )
+    placements = [placement(k, landmarks_m=np.array([[9.0, 9.0]])) for k in range(64)]
+    made = estimate(*placements, landmarks=('beacon',))
     markers = scene(made, 'map', 1.0).markers
     (robots,) = [marker for marker in markers if marker.namespace == 'robots']
     assert len(robots.points_m) == 3 * 64
@@ -187,16 +185,11 @@ NONE = estimate(verdict=Verdict.INFEASIBLE)
 NEVER, UNKNOWN = replace(ONE, links=()), estimate(verdict=None, reason='all is stale')
 STALE = replace(ONE, links=(LinkState(AB, 0.0, math.inf, 9.0, stale=True),))
 CONFLICT = replace(NONE, conflicts=((AB, BA),))
-MOVED = replace(
-    ONE,
-    frame=FixedFrame(FrameKind.ROBOTS, ('a', 'b')),
-    previous_frame=FixedFrame(FrameKind.HEADING, ('a',)),
-)
+HERE, THERE = FixedFrame(FrameKind.ROBOTS, ('a', 'b')), FixedFrame(FrameKind.HEADING, ('a',))
+MOVED = replace(ONE, frame=HERE, previous_frame=THERE)
 MISFIT = placement(misfits=('beacon a4',))
-DOUBTED = estimate(
-    placement(enclosure_m=NOWHERE),
-    links=(LinkState(AB, 3.0, 3.3, 0.1, stale=False, contradicts=True),),
-)
+AGAINST = LinkState(AB, 3.0, 3.3, 0.1, stale=False, contradicts=True)
+DOUBTED = estimate(placement(enclosure_m=NOWHERE), links=(AGAINST,))
 WIDE = placement(enclosure_m=np.array([[[0.0] * 2, [0.5] * 2], [[0.0] * 2, [3.0, 6.16]]]))
 FITTED = estimate(
     placement(covariances=np.tile(np.diag([0.01, 0.03, 1.0, 1.0, 1.0, 1.0]), (2, 1, 1))),

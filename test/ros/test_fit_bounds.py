@@ -29,10 +29,8 @@ FLEET = {
     'range': {'min_error_relative': -0.2, 'max_error_relative': 0.2},
     'bearing': {'half_width': 0.3},
 }
-BEACONS = {
-    'names': list(LANDMARKS_M),
-    **{name: {'position': list(place)} for name, place in LANDMARKS_M.items()},
-}
+POSITIONS = {name: {'position': list(place)} for name, place in LANDMARKS_M.items()}
+BEACONS = {'names': list(LANDMARKS_M), **POSITIONS}
 
 
 def parameters_in(text):

@@ -55,10 +55,8 @@ Shutdown = make_dataclass('Shutdown', ['reason'])
 PythonLaunchDescriptionSource = make_dataclass('PythonLaunchDescriptionSource', ['path'])
 LaunchDescription = make_dataclass('LaunchDescription', ['entities'])
 LogInfo = make_dataclass('LogInfo', ['msg', *optional(condition=None)])
-DeclareLaunchArgument = make_dataclass(
-    'DeclareLaunchArgument',
-    ['name', *optional(default_value=None, description='', choices=None)],
-)
+DEFAULTS = optional(default_value=None, description='', choices=None)
+DeclareLaunchArgument = make_dataclass('DeclareLaunchArgument', ['name', *DEFAULTS])
 IncludeLaunchDescription = make_dataclass(
     'IncludeLaunchDescription', ['source', *optional(launch_arguments=())]
 )

@@ -14,7 +14,7 @@ from unittest.mock import Mock, call
 from plain_python import run_python
 from processes import Listener, wait_for
 import pytest
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, Range
 
 from dg_localization.ros.interface.diagnostics import TOLERATED_RATE
@@ -265,11 +265,7 @@ def test_every_message_of_every_topic_is_taken_once(node):
 
 
 def test_the_matrix_that_a_camera_published_before_the_start_is_taken(node):
-    latched = QoSProfile(
-        depth=1,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL,
-    )
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     node.create_publisher(CameraInfo, '/a/info', latched).publish(CameraInfo())
     taken = []
     given = {'robots': POINTS, 'links': ['/a/info sensor_msgs/msg/CameraInfo a']}

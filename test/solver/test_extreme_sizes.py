@@ -28,11 +28,9 @@ def scaled(case, exponent):
     problem, options = case.problem, case.options
     with np.errstate(over='ignore'):
         bounds = [bound * size * size for bound in (problem.lower, problem.upper)]
-    return Case(
-        Problem(*bounds, problem.dimension, problem.sides, problem.chiralities),
-        replace(options, resolution=options.resolution * size),
-        case.positions * size,
-    )
+    larger = Problem(*bounds, problem.dimension, problem.sides, problem.chiralities)
+    options = replace(options, resolution=options.resolution * size)
+    return Case(larger, options, case.positions * size)
 
 
 @pytest.mark.parametrize('exponent', [-490, -300, 300, 440, LARGEST])

@@ -16,11 +16,8 @@ from dg_localization.solver.patches.chains import ChainGraph
 
 def all_parts_hold(result, squared):
     """Return whether the truth is in a hypothesis of each piece and of each of its patches."""
-    return all(
-        holding(part.hypotheses, squared[np.ix_(part.points, part.points)])
-        for piece in result.pieces
-        for part in (piece, *piece.patches)
-    )
+    parts = [part for piece in result.pieces for part in (piece, *piece.patches)]
+    return all(holding(one.hypotheses, squared[np.ix_(one.points, one.points)]) for one in parts)
 
 
 @pytest.mark.parametrize('size', [(5, 5), (5, 9), (9, 9)])

@@ -271,10 +271,8 @@ def test_without_sides_every_hypothesis_is_tightened_to_its_exact_hull(exact_hul
 
 
 def test_no_box_is_tightened_when_its_time_is_over():
-    wide, late, tight = (
-        solve(fleet(0.03, sides=True), SolverOptions(tighten_seconds=seconds))
-        for seconds in (0.0, 1e-9, np.inf)
-    )
+    options = [SolverOptions(tighten_seconds=seconds) for seconds in (0.0, 1e-9, np.inf)]
+    wide, late, tight = (solve(fleet(0.03, sides=True), one) for one in options)
     assert late.verdict is wide.verdict
     assert (late.lower == wide.lower).all() and (late.upper == wide.upper).all()
     assert (tight.upper < wide.upper).any()
