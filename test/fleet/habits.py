@@ -95,10 +95,8 @@ def _draw_offsets(history, rng):
         robot: replace(config.robot_odometry_error.get(robot, config.odometry_error), latency_s=s)
         for robot, s in zip(config.robots, latencies_s, strict=True)
     }
-    history.late_s = [
-        _draw_late(rng, len(drive.true), s)
-        for drive, s in zip(history.drives, latencies_s, strict=True)
-    ]
+    late = zip(history.drives, latencies_s, strict=True)
+    history.late_s = [_draw_late(rng, len(drive.true), latency_s) for drive, latency_s in late]
     bound_m, q = float(rng.choice(ANCHOR_BOUNDS_M)), config.dimension
     anchors = {name: replace(anchor, bound_m=bound_m) for name, anchor in config.anchors.items()}
     history.off_m = {name: 0.999 * bound_m * direction(rng)[:q] for name in anchors}

@@ -251,10 +251,8 @@ class History:
                 return None
             distance = self.distance(observer, target, time_s)
             bounds = self.bounds_of(*names)
-            model, deviation_m = (
-                bounds.range_error,
-                math.sqrt(self.limits[2] if self.limits else 0.0),
-            )
+            model = bounds.range_error
+            deviation_m = math.sqrt(self.limits[2] if self.limits else 0.0)
             more_m = (2.0 * share - 1.0) * model.sigma_factor * deviation_m
             reading = reading_of(distance, model, share, more_m)
             reading = max(0.0, reading + self.lies.get((observer, target, time_s), 0.0))

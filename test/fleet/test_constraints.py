@@ -84,12 +84,8 @@ def test_no_two_robots_are_nearer_than_their_size_but_anchors_may_be():
 
 
 def test_pitch_does_not_bend_a_ray_in_the_plane():
-    localizer = make(
-        max_age_s=5.0,
-        bearing_half_width_rad=0.0,
-        max_turn_rate_rad_s=10.0,
-        odometry_error=OdometryErrorModel(),
-    )
+    exact = {'bearing_half_width_rad': 0.0, 'odometry_error': OdometryErrorModel()}
+    localizer = make(max_age_s=5.0, max_turn_rate_rad_s=10.0, **exact)
     localizer.add_odometry('a', [0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], NOW_S - 1.0, NOW_S)
     pitched = [0.0, math.sin(0.1), 0.0, math.cos(0.1)]
     localizer.add_odometry('a', [0.0, 0.0, 0.0], pitched, NOW_S, NOW_S)
@@ -158,10 +154,8 @@ def test_a_certain_sign_survives_the_worst_errors(share):
     for _ in range(500):
         rays = unit(rng.normal(size=(3, 3)))
         errors_rad = np.array(share) * rng.uniform(0.0, 0.8, 3)
-        readings = [
-            RayReading(KEY, 0.0, ray, float(error))
-            for ray, error in zip(rays, errors_rad, strict=True)
-        ]
+        known = zip(rays, errors_rad.tolist(), strict=True)
+        readings = [RayReading(KEY, 0.0, ray, error_rad) for ray, error_rad in known]
         sign = spatial_sign(readings)
         if sign:
             certain += 1

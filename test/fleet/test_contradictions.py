@@ -203,10 +203,8 @@ def test_a_smaller_correction_that_is_not_proved_hides_no_larger_one(max_seconds
     localizer.add_range('r0', 'r1', apart_m[0, 1] + 5.0, NOW_S, NOW_S)
     localizer.add_range('r1', 'r0', apart_m[0, 1], NOW_S, NOW_S)
     estimate = localizer.step(NOW_S)
-    assert any(
-        ((one.lower_m[:8, :8] <= apart_m + 1e-9) & (apart_m - 1e-9 <= one.upper_m[:8, :8])).all()
-        for one in estimate.placements
-    )
+    bounds = [(one.lower_m[:8, :8], one.upper_m[:8, :8]) for one in estimate.placements]
+    assert any(np.all((low <= apart_m + 1e-9) & (apart_m - 1e-9 <= high)) for low, high in bounds)
 
 
 TICKS = 12
@@ -441,11 +439,8 @@ def test_wrong_observations_that_are_exposed_never_cost_the_truth(
     wanted = {LinkKey(LinkKind.RANGE, points[i], points[j]) for i, j in liars}
     assert any(wanted.issuperset(placement.dropped) for placement in estimate.placements)
     exposed = [p for p in estimate.placements if wanted == set(p.dropped)]
-    distances = np.linalg.norm(places[:robots, None] - places[None, :robots], axis=-1)
-    held = [
-        np.all(distances <= p.upper_m + 1e-9) and np.all(p.lower_m <= distances + 1e-9)
-        for p in exposed
-    ]
+    apart_m = np.linalg.norm(places[:robots, None] - places[None, :robots], axis=-1)
+    held = [np.all((p.lower_m - 1e-9 <= apart_m) & (apart_m <= p.upper_m + 1e-9)) for p in exposed]
     assert not held or any(held)
 
 
@@ -465,10 +460,8 @@ def contradiction_of(conflicts, efforts=(Effort.BRIEF,) * 4):
     """Return an oracle that sees each conflict from some effort on."""
 
     def contradicts(observations, effort):
-        return any(
-            conflict <= observations and effort >= least
-            for conflict, least in zip(conflicts, efforts, strict=False)
-        )
+        pairs = zip(conflicts, efforts, strict=False)
+        return any(one <= observations and effort >= least for one, least in pairs)
 
     return contradicts
 

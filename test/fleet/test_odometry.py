@@ -102,10 +102,8 @@ def spin(count, turn_rad, error):
     constants = np.zeros((count + 1, 3))
     constants[1:, 0], constants[1:, 1] = np.cos(angles), np.sin(angles)
     constants *= 0.499 * error.constant_m
-    steps = [
-        attitude(off) @ (before - after)
-        for off, before, after in zip(offs_rad, constants, constants[1:], strict=False)
-    ]
+    changes = zip(offs_rad, constants, constants[1:], strict=False)
+    steps = [attitude(off) @ (before - after) for off, before, after in changes]
     return np.vstack([np.zeros(3), np.cumsum(steps, axis=0)]), stated, true
 
 

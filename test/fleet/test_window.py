@@ -425,12 +425,8 @@ def localizer_of(robots, **settings):
 
 def enclosures_among_anchors(first_error_m, outliers):
     """Return the enclosures of two parked robots by time since the start."""
-    localizer = localizer_of(
-        tuple(PLACES_M),
-        anchors=BEACONS_M,
-        range_error=(-0.01, 0.01, -0.3, 0.3),
-        window_outliers=outliers,
-    )
+    told = {'range_error': (-0.01, 0.01, -0.3, 0.3), 'window_outliers': outliers}
+    localizer = localizer_of(PLACES_M, anchors=BEACONS_M, **told)
     found = {}
     for step in range(80):
         since_s, now_s = step * STEP_S, START_S + step * STEP_S

@@ -169,13 +169,9 @@ def test_rotations_hold_every_matrix_within_the_half_width(angle_rad, half_width
 
 
 LARGEST = math.nextafter(math.inf, 0.0)
-REALS = st.one_of(
-    st.integers(),
-    st.integers(-(2**70), 2**70),
-    st.fractions(),
-    st.decimals(allow_nan=False, allow_infinity=False),
-    st.floats(allow_nan=False, allow_infinity=False),
-)
+FINITE = {'allow_nan': False, 'allow_infinity': False}
+RATIONALS = st.integers(), st.integers(-(2**70), 2**70), st.fractions()
+REALS = st.one_of(*RATIONALS, st.decimals(**FINITE), st.floats(**FINITE))
 
 
 def are_next_to(lower, exact, upper):

@@ -39,12 +39,8 @@ def random_reading(rng, kind, space):
         readings = PairReadings.of(*points, Interval(low, low + rng.choice([0.01, 1.0])))
     else:
         ray = rng.normal(size=(1, 3)) * flat
-        readings = PairReadings.of(
-            *points,
-            rays=ray,
-            ray_errors_rad=rng.choice([0.01, 0.3, 1.2], size=1),
-            seen_by_b=kind == 'ray of B',
-        )
+        seen = ray, rng.choice([0.01, 0.3, 1.2], size=1), kind == 'ray of B'
+        readings = PairReadings.of(*points, None, *seen)
     return readings, (a, b), error
 
 

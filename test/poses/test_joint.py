@@ -66,12 +66,8 @@ class MovedFleet:
             off = rng.uniform(-0.05, 0.05, len(w))
             then = turn(off - track_a[1] - self.headings[a], w)
             seen = track_a[2].rays_now(then, np.full(len(w), 0.06))
-        return PairReadings.of(
-            track_a[2].points_now(mounts),
-            track_b[2].points_now(mounts),
-            Interval(lower, upper),
-            *seen,
-        )
+        stated = [track[2].points_now(mounts) for track in (track_a, track_b)]
+        return PairReadings.of(*stated, Interval(lower, upper), *seen)
 
 
 def start_of(fleet):

@@ -52,11 +52,8 @@ def bounds_of_links(found):
     return [link.bounds_within(found.fleet.sensor_bounds) for link in found.links]
 
 
-SCALARS = [
-    name
-    for name, spec in TABLE.items()
-    if spec.list_of is None and not name.endswith(('.topic', '.stamp_offset', 'dimension'))
-]
+SPECIAL = ('.topic', '.stamp_offset', 'dimension')
+SCALARS = [x for x, spec in TABLE.items() if spec.list_of is None and not x.endswith(SPECIAL)]
 
 
 @pytest.mark.parametrize('name', SCALARS)

@@ -131,10 +131,8 @@ def _bounds(rng, squared, measured):
     apart = symmetric(rng.random(squared.shape) < rng.choice([0.0, 0.0, 0.0, 0.2, 1.0]))
     least = squared * rng.choice([0.1, 0.9, 1.0])
     unknown = ~measured & ~np.eye(len(squared), dtype=bool)
-    return (
-        np.where(unknown, np.where(apart, least, 0.0), lower),
-        np.where(unknown, np.inf, upper),
-    )
+    lower = np.where(unknown, np.where(apart, least, 0.0), lower)
+    return lower, np.where(unknown, np.inf, upper)
 
 
 def missing(result, positions, share=0.0):

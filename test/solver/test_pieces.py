@@ -223,10 +223,7 @@ def decomposed(n_points, pairs, dimension=2):
     """Return the points of the pieces and (points, kind, points of each piece) of the joints."""
     answer = pieces_of(n_points, as_array(pairs), dimension)
     pieces = list(answer.pieces)
-    joints = {
-        (joint.points, joint.kind, frozenset(pieces[x] for x in joint.pieces))
-        for joint in answer.joints
-    }
+    joints = {(j.points, j.kind, frozenset(pieces[x] for x in j.pieces)) for j in answer.joints}
     return set(pieces), joints
 
 

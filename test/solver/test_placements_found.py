@@ -103,10 +103,7 @@ def epochs(shared):
             measured[row['timestamp']][pair] = float(row['uwb_range'])
             true[row['timestamp']][pair] = float(row['mocap_range']) ** 2, 0.0
     # The markers are up to 2 cm out of one plane: the truth is the plane through them.
-    return [
-        (measured[stamp], squared_distances(planar(bounds(4, true[stamp])[0])))
-        for stamp in measured
-    ]
+    return [(measured[x], squared_distances(planar(bounds(4, true[x])[0]))) for x in measured]
 
 
 @pytest.mark.parametrize(

@@ -46,11 +46,9 @@ def test_coordinate_difference_is_the_exact_range(seed):
     (i_low, i_high), (j_low, j_high) = sub(*ends[0], *ends[1]), sub(*ends[2], *ends[3])
     low = -coordinate_difference_up(j_high, i_low, d_low, d_high)
     high = coordinate_difference_up(i_high, j_low, d_low, d_high)
-    corners = [
-        (ai - bi - aj + bj) / (2 * d)
-        for ai, bi, aj, bj in itertools.product(*(map(Fraction, pair) for pair in ends.tolist()))
-        for d in (Fraction(float(d_low)), Fraction(float(d_high)))
-    ]
+    lengths = [Fraction(float(d)) for d in (d_low, d_high)]
+    sides = itertools.product(*(map(Fraction, pair) for pair in ends.tolist()))
+    corners = [(ai - bi - aj + bj) / (2 * d) for ai, bi, aj, bj in sides for d in lengths]
     assert low <= min(corners) and max(corners) <= high
     slack = UNITS * ends.max() / d_low
     assert low >= min(corners) - slack and high <= max(corners) + slack

@@ -216,10 +216,8 @@ def by_pair(named):
 
 
 def holds_hull(hypothesis, hull):
-    return all(
-        hypothesis.lower[pair] <= low and high <= hypothesis.upper[pair]
-        for pair, (low, high) in hull.items()
-    )
+    lower, upper = hypothesis.lower, hypothesis.upper
+    return all(lower[x] <= low and high <= upper[x] for x, (low, high) in hull.items())
 
 
 def test_the_eight_solutions_are_found_without_a_wasted_box(exact_hulls):
