@@ -122,13 +122,13 @@ def would_fix(config: FleetConfig, found: Answer) -> tuple[str, ...]:
         # Either side may be flexible itself, and then needs more measurements.
         ranges = f'at least {missing} ranges to other robots or anchors'
         joining.append(f'{ranges} would join {", ".join(robots)} to the rest')
-    main = None if config.dimension == 3 or config.max_speed_m_s <= 0.0 else found.main
-    driving = [] if main is None else [*_driving(config, main)]
-    return (*open_remedies(config, found), *joining, *driving)
+    return (*open_remedies(config, found), *joining, *_driving(config, found.main))
 
 
-def _driving(config: FleetConfig, part: Part) -> Iterator[str]:
+def _driving(config: FleetConfig, part: Part | None) -> Iterator[str]:
     """Yield what would rule out mirror images of robots that can drive, in the plane."""
+    if part is None or config.dimension == 3 or config.max_speed_m_s <= 0.0:
+        return
     placements = part.placements
     is_mirrored = [one.mirrored for one in placements]
     if is_mirrored.count(False) == 2 and part.n_hypotheses == len(placements):
@@ -140,25 +140,21 @@ def _driving(config: FleetConfig, part: Part) -> Iterator[str]:
 
 def _mirrored_alone(config: FleetConfig, first: Placement, second: Placement) -> str:
     """Return a text if two placements differ in one robot alone, mirrored in a line of two."""
-    boxes = [
-        np.concatenate([one.enclosure_m, one.landmark_enclosure_m]) for one in (first, second)
-    ]
-    apart = ~np.all(
-        (boxes[0][:, 0] <= boxes[1][:, 1]) & (boxes[1][:, 0] <= boxes[0][:, 1]), axis=1
-    )
+    both, names = (first, second), (*config.robots, *config.landmarks)
+    boxes = np.array([np.concatenate([p.enclosure_m, p.landmark_enclosure_m]) for p in both])
+    apart = np.any(boxes[:, :, 0].max(axis=0) > boxes[:, :, 1].min(axis=0), axis=1)
     robot = int(np.argmax(apart))
-    if apart.sum() != 1 or robot >= len(config.robots) or config.robots[robot] in config.anchors:
+    if apart.sum() != 1 or names[robot] in config.anchors:
         return ''
     # The line is through the two points whose distances from the robot differ least.
     points_m = np.concatenate([first.positions_m, first.landmarks_m])
-    own_m, other_m = (np.hypot(*(points_m - one.positions_m[robot]).T) for one in (first, second))
+    own_m, other_m = (np.hypot(*(points_m - one.positions_m[robot]).T) for one in both)
     line = np.sort(np.argsort(np.abs(own_m - other_m))[:2])
     start_m, end_m = points_m[line]
     arm_m, along_m = points_m[robot] - start_m, end_m - start_m
     image_m = start_m - arm_m + 2.0 * along_m * (arm_m @ along_m) / max(along_m @ along_m, 1e-300)
-    if not np.all((boxes[1][robot, 0] <= image_m) & (image_m <= boxes[1][robot, 1])):
+    if not np.array_equal(np.clip(image_m, *boxes[1, robot]), image_m):
         return ''
-    names = (*config.robots, *config.landmarks)
     ends = ' - '.join(names[point] for point in line)
     return f'{names[robot]} is mirrored in the line {ends}: drive it in a curve'
 

@@ -208,16 +208,13 @@ class SensorBounds:
         both = [(self, other), *zip(vars(self).values(), vars(other).values(), strict=True)]
         # Bounds that cross are swapped, which widens them.
         crossed = self.range_error.min_error_relative > self.range_error.max_error_relative
-        return (
-            self == other
-            or not crossed
-            and all(
-                sign * getattr(new, name) >= sign * getattr(old, name)
-                for new, old in both
-                for name, sign in NARROWER.items()
-                if hasattr(new, name)
-            )
+        narrower = all(
+            sign * getattr(new, name) >= sign * getattr(old, name)
+            for new, old in both
+            for name, sign in NARROWER.items()
+            if hasattr(new, name)
         )
+        return self == other or (narrower and not crossed)
 
 
 NARROWER = {

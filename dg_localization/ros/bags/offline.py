@@ -113,6 +113,8 @@ class Recording:
     truth : FleetTruth or None
     reading : Reading
         The readable inputs.
+    notices : list of str
+        Sentences on inputs that cannot be read, and other remarks.
 
     """
 
@@ -147,7 +149,8 @@ class Recording:
         known = {link.topic for link in (*links, *finder.wrong_types)} | self._truth.topics
         if others := sorted(bag.types.keys() - known):
             notices.append(f'topics that are no input: {len(others)} ({listed(others)})')
-        self._notices = (*bag.notices, *notices, *self.reading.notices, *self._truth.notices)
+        notices += [*self.reading.notices, *self._truth.notices]
+        self.notices = list(dict.fromkeys([*bag.notices, *notices]))
 
     def span_ns(self) -> tuple[int, int]:
         """Return the first and the last time to read."""
@@ -188,11 +191,6 @@ class Recording:
             yield message.time_ns, message
             last_ns = max(last_ns, message.time_ns)
         yield from answers(end_ns + 1)
-
-    @property
-    def notices(self) -> list[str]:
-        """Sentences on inputs that cannot be read, and other remarks."""
-        return list(dict.fromkeys(self._notices))
 
     @property
     def damage(self) -> list[str]:

@@ -52,11 +52,10 @@ class Template:
     def check(self) -> None:
         """Raise ValueError unless the text holds each of `fields` once."""
         # A format, as in {robot:>9}, is not allowed: it may ask for any length.
-        if sorted(FIELD.findall(self.text)) != sorted(self.fields):
+        braces = {'{', '}'}.intersection(FIELD.sub('', self.text))
+        if braces or sorted(FIELD.findall(self.text)) != sorted(self.fields):
             wanted = ' and '.join(f'{{{name}}}' for name in self.fields)
             raise ValueError(f'it must be empty, or hold {wanted} once and no other braces')
-        if {'{', '}'}.intersection(FIELD.sub('', self.text)):
-            raise ValueError(f"'{self.text}' has a brace without a partner")
         check_topic(FIELD.sub('name', self.text))
 
     def check_names(self, points: Iterable[str]) -> None:
