@@ -405,7 +405,7 @@ SEARCHING = [
     ),
     *_in(
         'solver',
-        'search/branch_and_prune',
+        'search/search',
         SEARCH,
         (
             'only the first part of a split is examined',

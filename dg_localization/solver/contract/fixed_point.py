@@ -170,7 +170,8 @@ class Contractor:
         """Return a box contracted by projecting `count` points along the best known axes."""
         self._take(box)
         axes = rank_axes(box, self._axes)[: self._n_measured]
-        return self._work.box.copy() if self._apply(axes, count) else None
+        is_empty = self._project(axes, count, lambda: False) is Status.EMPTY
+        return None if is_empty else self._work.box.copy()
 
     def _take(self, box: FloatArray) -> None:
         """Write a box into the scratch arrays, its points in their own order."""
@@ -261,17 +262,12 @@ class Contractor:
                 return Status.CONTRACTED
         return None
 
-    def _apply(self, axes: IntArray, count: int) -> bool:
-        """Apply axes to the scratch arrays; return False if the box is empty."""
-        dimension = self.problem.dimension
-        return bool(apply_axes(*self._work, *self._sides, dimension, axes, count))
-
     def _project(self, axes: IntArray, count: int, stopped: Callable[[], bool]) -> Status | None:
         """Apply axes, checking the clock after every few; None if all were applied."""
         for first in range(0, len(axes), self._axes_per_look):
             if first > 0 and stopped():
                 return Status.UNFINISHED
             some = axes[first : first + self._axes_per_look]
-            if not self._apply(some, count):
+            if not apply_axes(*self._work, *self._sides, self.problem.dimension, some, count):
                 return Status.EMPTY
         return None

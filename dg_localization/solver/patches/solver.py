@@ -40,9 +40,8 @@ from dg_localization.solver.patches.neighborhoods import (
 from dg_localization.solver.place.hypotheses import hypotheses_of
 from dg_localization.solver.problem import Problem, points_of
 from dg_localization.solver.result import Hypothesis, Statistics
-from dg_localization.solver.search.branch_and_prune import effort
 from dg_localization.solver.search.budget import Budget
-from dg_localization.solver.search.search import search
+from dg_localization.solver.search.search import effort, search
 from dg_localization.solver.subproblem import Bounds, restricted, restricted_boxes
 
 PARTS_PER_TASK = 16

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-From a problem to a cover: branch and prune, then tightening of the kept boxes.
+From a problem to a cover: branch and prune (Section 4), then tightening of the kept boxes.
 
 Combinations of pieces are contracted once, without a split.
 """
@@ -10,19 +10,25 @@ Combinations of pieces are contracted once, without a split.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+import math
 
 import numpy as np
 
 from dg_localization.interval.kernels import until
-from dg_localization.interval.pave import Paving
-from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, Status
-from dg_localization.solver.contract.fixed_point import MOST_IDLE_TESTS, Contractor, Pruned
+from dg_localization.interval.pave import Examined, Paving, pave
+from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, Status, cut_at
+from dg_localization.solver.contract.fixed_point import (
+    EXPLAINED_FACTOR,
+    MOST_IDLE_TESTS,
+    Contractor,
+    Pruned,
+)
 from dg_localization.solver.contract.triangles import smooth
-from dg_localization.solver.contract.widths import LEAST_GAIN
+from dg_localization.solver.contract.widths import LEAST_GAIN, excess
+from dg_localization.solver.pair_bounds import pairs_among
 from dg_localization.solver.place.hypotheses import place_problem
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Statistics
-from dg_localization.solver.search.branch_and_prune import branch_and_prune, effort, split
 from dg_localization.solver.search.budget import Budget
 from dg_localization.solver.subproblem import (
     MOST_CONTRACTED,
@@ -125,6 +131,33 @@ def tighten(
     return pruned.box
 
 
+def split(pruned: Pruned, resolution_m: float, at_gaps: bool = False) -> list[FloatArray]:
+    """
+    Split a contracted box at a gap, else where it is too wide; return nothing if it is finished.
+
+    Of several gaps it takes the one that leaves the least of its interval: both parts are then
+    known well, and contraction decides about them. The widest gaps belong to far points, which are
+    badly known yet.
+    """
+    box = pruned.box
+    i, j = pairs_among(box.shape[1])
+    low, high, gap_low, gap_high = box[:, i, j]
+    width_m, gap_m = np.sqrt(high) - np.sqrt(low), np.sqrt(gap_high) - np.sqrt(gap_low)
+    if np.max(width_m, where=high < np.inf, initial=0.0) <= resolution_m:
+        return []
+    gaps = np.flatnonzero(gap_m > 0.0)
+    if len(gaps):
+        x = gaps[np.argmin(width_m[gaps] - gap_m[gaps])]
+        return cut_at(box, (i[x], j[x]), gap_low[x], gap_high[x])
+    is_wide = excess(box, pruned.explained, EXPLAINED_FACTOR, resolution_m)[i, j] > 1.0
+    if at_gaps or not is_wide.any():
+        return []
+    x = np.argmax(np.where(is_wide, high - low, 0.0))
+    # Halves of the squared distance separated better than halves of the distance.
+    middle = 0.5 * low[x] + 0.5 * high[x]
+    return cut_at(box, (i[x], j[x]), middle, middle)
+
+
 def search(
     problem: Problem,
     budget: Budget,
@@ -132,25 +165,54 @@ def search(
     at_gaps: bool = False,
     all_or_nothing: bool = False,
 ) -> Paving[FloatArray]:
-    """Cover all placements of a problem by boxes."""
-    resolution_m = budget.options.resolution
+    """
+    Cover all placements of a problem by boxes, the widest examined first.
+
+    So an early stop leaves an even cover. With `all_or_nothing`, the search ends as soon as it has
+    more boxes than it may examine.
+    """
+    resolution_m, most = budget.options.resolution, budget.options.max_boxes
     contractor = Contractor(problem, resolution_m)
     whole = contractor.whole()
     if whole is None:
         return Paving(empty=1)
-    cover = branch_and_prune(
-        [as_box(part) for part in parts_within([(whole[LOWER], whole[UPPER])], within)],
-        lambda box: contractor.contract(box, budget.is_over),
-        lambda pruned: [] if contractor.is_convex else split(pruned, resolution_m, at_gaps),
-        budget,
-        all_or_nothing,
-    )
+
+    def examine(box: FloatArray) -> Examined[FloatArray]:
+        pruned = contractor.contract(box, budget.is_over)
+        if pruned.status is Status.UNFINISHED:
+            return Examined(rest=[pruned.box])
+        if pruned.status is Status.EMPTY:
+            return Examined()
+        parts = [] if contractor.is_convex else split(pruned, resolution_m, at_gaps)
+        return Examined(parts=parts) if parts else Examined(kept=[pruned.box])
+
+    def watch(cover: Paving[FloatArray], n_waiting: int) -> bool:
+        if budget.progress and cover.processed:
+            budget.progress(effort(cover, n_waiting, budget.seconds()))
+        if all_or_nothing and cover.processed + n_waiting > most:
+            return False
+        return cover.processed < most and not budget.is_over()
+
+    boxes = [as_box(part) for part in parts_within([(whole[LOWER], whole[UPPER])], within)]
+    cover = pave(boxes, examine, watch, lambda box: -_size_m(box))
     if not cover.pending:
         tightened = [tighten(contractor, box, budget.leaves_wide) for box in cover.kept]
         left = [box for box in tightened if box is not None]
         cover.empty += len(cover.kept) - len(left)
         cover.kept = left
     return cover
+
+
+def effort(cover: Paving[FloatArray], n_pending: int, seconds: float) -> Statistics:
+    """Return the effort of a search so far."""
+    n_kept = len(cover.kept)
+    return Statistics(cover.processed, cover.empty, cover.split, n_kept, n_pending, seconds)
+
+
+def _size_m(box: FloatArray) -> float:
+    """Return the sum of the finite widths of a box in m."""
+    upper = box[UPPER]
+    return float(np.sum(np.sqrt(upper) - np.sqrt(box[LOWER]), where=upper < math.inf))
 
 
 def search_share(
