@@ -57,13 +57,13 @@ class _Frames:
     def next_frame(self) -> IntArray | None:
         """Return the indices of the pairs for the next frame, its axis first; None at the end."""
         width = self._widths()
-        excess = np.full(len(width), np.inf)
-        np.divide(width, self._explained, out=excess, where=self._explained > 0.0)
-        is_open = excess > CLOSED_WIDTH
+        ratios = np.full(len(width), np.inf)
+        np.divide(width, self._explained, out=ratios, where=self._explained > 0.0)
+        is_open = ratios > CLOSED_WIDTH
         candidates = np.flatnonzero(is_open & ~self._was_axis)
         if not len(candidates):
             return None
-        axis = candidates[np.lexsort((width[candidates], excess[candidates]))[-1]]
+        axis = candidates[np.lexsort((width[candidates], ratios[candidates]))[-1]]
         self._was_axis[axis] = True
         meets = np.isin(self._pairs, self._pairs[axis]).any(axis=1)
         others = np.flatnonzero(is_open & meets)
@@ -98,9 +98,9 @@ def _unexplained_pairs(problem: Problem, pruned: Pruned) -> IntArray:
     """
     known = np.isinf(problem.upper) & (pruned.explained > 0.0)
     width = pruned.box[UPPER] - pruned.box[LOWER]
-    excess = np.divide(width, pruned.explained, out=np.ones_like(width), where=known)
-    pairs = np.argwhere(np.triu(np.abs(excess - 1.0) > WELL_EXPLAINED))
-    return pairs[np.argsort(-excess[tuple(pairs.T)], kind='stable')]
+    ratios = np.divide(width, pruned.explained, out=np.ones_like(width), where=known)
+    pairs = np.argwhere(np.triu(np.abs(ratios - 1.0) > WELL_EXPLAINED))
+    return pairs[np.argsort(-ratios[tuple(pairs.T)], kind='stable')]
 
 
 def tighten(
