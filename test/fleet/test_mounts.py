@@ -292,3 +292,20 @@ def test_ranges_of_two_sensors_may_differ_without_a_suspect():
     estimate = localizer.step(now_s)
     assert estimate.verdict is not Verdict.INFEASIBLE
     assert estimate.suspects_in_window == ()
+
+
+def test_rays_to_landmarks_that_are_not_ranged_widen_nothing():
+    ranged = {'a': (0, 0, 0), 'b': (4, 0, 1), 'c': (0, 4, 2), 'd': (4, 4, 0)}
+    seen = {'e': (-9, 2, 3), 'f': (8, -9, 1)}
+    place_m, widths_m = np.array([1.0, 2.0, 1.5]), []
+    for rays in ({}, seen):
+        mounts = {'r': {'camera': Mount((0.3, 0.0, 0.1))}}
+        settings = {'mounts': mounts, 'dimension': 3, 'bearing_half_width_rad': 0.05}
+        localizer = new_localizer(['r'], ranged | rays, range_error=(-0.15, 0.15), **settings)
+        add_ranges(localizer, 'r', place_m, ranged, NOW_S)
+        for name, landmark_m in rays.items():
+            seen_m = np.subtract(landmark_m, place_m) - [0.3, 0.0, 0.1]
+            localizer.add_bearing('r/camera', name, seen_m, NOW_S, NOW_S)
+        (placement,) = localizer.step(NOW_S).placements
+        widths_m.append(np.ptp(placement.enclosure_m[0], axis=0))
+    assert np.all(widths_m[1] <= 1.01 * widths_m[0])

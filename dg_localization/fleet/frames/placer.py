@@ -243,14 +243,13 @@ def _without_idle(
     landmarks = {p for p in plan.points if p >= n_robots and p in anchors.boxes}
     others = [point for point in plan.points if point not in landmarks]
     tied = np.isfinite(known.upper[:, others]) | (known.lower[:, others] > 0.0)
-    busy = {*others, *np.flatnonzero(tied.any(axis=1)).tolist()}
-    busy |= {
+    ranged = {*others, *np.flatnonzero(tied.any(axis=1)).tolist()}
+    busy = ranged | {
         known.rows[ray.key.target] for o in others for ray in known.rays.get(known.points[o], ())
     }
-    geometry = anchors.among(busy)
-    if not geometry.chiralities:
-        # Idle anchors may tell the other anchors from their mirror image.
-        geometry = anchors
-        busy |= anchors.spanning
+    # Ranged anchors give the best axes. Others may tell them from their mirror image.
+    geometries = map(anchors.among, (ranged, busy))
+    geometry = next((one for one in geometries if one.chiralities), anchors)
+    busy |= geometry.spanning
     points = tuple(point for point in plan.points if point in busy)
     return replace(plan, points=points, cores=geometry.cores), geometry.chiralities
