@@ -67,15 +67,9 @@ def drive(localizer, misread=(), shares=MappingProxyType({})):
 
 def driver(**settings):
     """Return a localizer for a robot among landmarks."""
-    return new_localizer(
-        ['r'],
-        anchors=anchors_of(),
-        max_age_s=0.4,
-        odometry_error=(0.1, 0.0, 0.0, 0.3, 0.02, 0.02),
-        range_error=(0.0, 0.0, -0.1, 0.1),
-        bearing_half_width_rad=0.1,
-        **settings,
-    )
+    errors = {'range_error': (0.0, 0.0, -0.1, 0.1), 'bearing_half_width_rad': 0.1}
+    errors |= {'odometry_error': (0.1, 0.0, 0.0, 0.3, 0.02, 0.02)}
+    return new_localizer(['r'], anchors_of(), max_age_s=0.4, **errors, **settings)
 
 
 def test_misread_landmarks_hardly_pull():
@@ -261,14 +255,9 @@ def test_points_on_an_arc_are_as_far_off_as_their_covariances_say(shared, name):
 def test_a_robot_that_was_carried_away_is_not_where_it_was_likely():
     """After the jump, which odometry does not show, one anchor is heard: a ring is left."""
     places_m = {'m': (0.0, 0.0), 'n': (10.0, 0.0), 'o': (10.0, 10.0), 'p': (0.0, 10.0)}
-    localizer = new_localizer(
-        'a',
-        places_m,
-        range_error=(-0.1, 0.1, 0.0, 0.0),
-        max_age_s=0.5,
-        memory_s=8.0,
-        odometry_error=(0.02, 0.0, 0.0, 0.02, 0.01, 0.01),
-    )
+    errors = {'range_error': (-0.1, 0.1, 0.0, 0.0)}
+    errors |= {'odometry_error': (0.02, 0.0, 0.0, 0.02, 0.01, 0.01)}
+    localizer = new_localizer('a', places_m, max_age_s=0.5, memory_s=8.0, **errors)
     answers = 0
     for tick in range(130):
         now_s, moved = NOW_S + 0.1 * tick, tick >= 70

@@ -222,14 +222,8 @@ def estimates(
 ):
     """Yield estimates of a robot with odometry, and where it truly is."""
     anchors_m = {name: place[:dimension] for name, place in [*ANCHORS_M.items()][:n_anchors]}
-    localizer = new_localizer(
-        ('r1',),
-        dimension=dimension,
-        anchors=anchors_m,
-        range_error=(-0.05, 0.3, 0.0, 0.0),
-        max_speed_m_s=0.5,
-        **settings,
-    )
+    settings |= {'range_error': (-0.05, 0.3, 0.0, 0.0), 'max_speed_m_s': 0.5}
+    localizer = new_localizer(('r1',), anchors_m, dimension=dimension, **settings)
     for tick in range(TICKS):
         for step in range(5):
             now_s = 1000.0 + 0.5 * tick + 0.1 * step

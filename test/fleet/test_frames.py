@@ -219,14 +219,8 @@ def test_in_space_two_rays_fix_a_heading_and_three_the_chirality():
 def answer(anchors, places, peers=(), seen=(), bound_m=0.0, **settings):
     """Return the answer to ranges of robots to anchors, all or those seen, and to some peers."""
     rng = np.random.default_rng(5)
-    localizer = new_localizer(
-        places,
-        anchors=anchors_at(anchors, bound_m),
-        range_error=(-0.05, 0.05, 0.0, 0.0),
-        memory_s=0.0,
-        max_speed_m_s=0.0,
-        **settings,
-    )
+    settings |= {'range_error': (-0.05, 0.05, 0.0, 0.0), 'memory_s': 0.0, 'max_speed_m_s': 0.0}
+    localizer = new_localizer(places, anchors_at(anchors, bound_m), **settings)
     points = {**anchors, **places}
     links = [(robot, anchor) for robot in places for anchor in seen or anchors]
     for observer, target in (*links, *peers):

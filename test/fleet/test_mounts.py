@@ -150,15 +150,10 @@ def test_rays_to_anchors_that_are_not_ranged_give_place_and_heading(mounts):
     """There is no odometry; bounds are at most 1.5 times as wide as those that sampling finds."""
     rng = np.random.default_rng(0)
     place, yaw = np.array([0.6, -0.4]), 2.2
-    localizer = new_localizer(
-        'r',
-        anchors={**RANGED, **SEEN},
-        mounts={'r': mounts} if mounts else {},
-        range_error=(-0.01, 0.01, 0.0, 0.0),
-        bearing_half_width_rad=0.002,
-        max_speed_m_s=0.0,
-        max_turn_rate_rad_s=0.0,
-    )
+    told = {'range_error': (-0.01, 0.01, 0.0, 0.0), 'bearing_half_width_rad': 0.002}
+    told |= {'max_speed_m_s': 0.0, 'max_turn_rate_rad_s': 0.0}
+    told |= {'mounts': {'r': mounts}} if mounts else {}
+    localizer = new_localizer('r', {**RANGED, **SEEN}, **told)
     names = [f'r/{sensor}' if mounts else 'r' for sensor in ('tag', 'cam')]
     arms_m = (mounts.get(sensor, (0.0, 0.0)) for sensor in ('tag', 'cam'))
     tag, camera = (place + turn(2, yaw)[:2, :2] @ arm_m for arm_m in arms_m)

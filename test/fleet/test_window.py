@@ -343,17 +343,10 @@ TOO_LONG = 1.006
 
 def driving(memory_s, error=ERROR):
     """Return a robot that circles among anchors, by odometry that errs."""
-    fleet = Circling(
-        1,
-        odometry_frame='odom',
-        anchors=anchors_at(ANCHORS_M),
-        range_error=RangeErrorModel(-0.1, 0.1, 0.0, 0.0),
-        max_age_s=0.5,
-        max_speed_m_s=1.0,
-        max_turn_rate_rad_s=1.0,
-        odometry_error=error,
-        memory_s=memory_s,
-    )
+    told = {'max_age_s': 0.5, 'max_speed_m_s': 1.0, 'max_turn_rate_rad_s': 1.0}
+    told |= {'range_error': RangeErrorModel(-0.1, 0.1, 0.0, 0.0), 'odometry_error': error}
+    anchors = anchors_at(ANCHORS_M)
+    fleet = Circling(1, odometry_frame='odom', anchors=anchors, memory_s=memory_s, **told)
     fleet.scale = 1.0 / TOO_LONG
     return fleet
 
