@@ -418,10 +418,16 @@ def draw_any(seed, dimension=2, seconds=SECONDS):
     rng = np.random.default_rng([seed, dimension, 1])
     robots = int(rng.integers(1, 5))
     memory_s = rng.choice([0.0, 2.0, 6.0, 30.0] if dimension == 2 else [0.0, 2.0, 6.0])
-    anchors = int(rng.choice([0, 0, 1, 2, 3] if dimension == 2 else [0, 0, 1, 2, 3, 4, 5]))
-    mounted = int(rng.choice([0, 0, 1, 2])) if robots > 1 else 0
-    told = {'memory_s': float(memory_s), 'window_outliers': int(rng.choice([0, 0, 1, 5]))}
-    return History.draw(seed, robots, anchors, seconds, mounted, dimension, **told)
+    return History.draw(
+        seed,
+        robots,
+        int(rng.choice([0, 0, 1, 2, 3] if dimension == 2 else [0, 0, 1, 2, 3, 4, 5])),
+        seconds,
+        int(rng.choice([0, 0, 1, 2])) if robots > 1 else 0,
+        dimension,
+        memory_s=float(memory_s),
+        window_outliers=int(rng.choice([0, 0, 1, 5])),
+    )
 
 
 def limited(history, rng):

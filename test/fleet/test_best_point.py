@@ -67,9 +67,15 @@ def drive(localizer, misread=(), shares=MappingProxyType({})):
 
 def driver(**settings):
     """Return a localizer for a robot among landmarks."""
-    errors = {'range_error': (0.0, 0.0, -0.1, 0.1), 'bearing_half_width_rad': 0.1}
-    errors |= {'odometry_error': (0.1, 0.0, 0.0, 0.3, 0.02, 0.02)}
-    return new_localizer(['r'], anchors_of(), max_age_s=0.4, **errors, **settings)
+    return new_localizer(
+        ['r'],
+        anchors=anchors_of(),
+        max_age_s=0.4,
+        odometry_error=(0.1, 0.0, 0.0, 0.3, 0.02, 0.02),
+        range_error=(0.0, 0.0, -0.1, 0.1),
+        bearing_half_width_rad=0.1,
+        **settings,
+    )
 
 
 def test_misread_landmarks_hardly_pull():
@@ -97,9 +103,16 @@ def test_a_beacon_whose_bounds_do_not_hold_is_named(is_wrong):
 
 def test_a_proved_point_as_published_meets_every_range():
     """The solver's placement in this fleet is sometimes that of another hypothesis."""
-    pairs = (0, 3), (0, 4), (0, 5), (1, 2), (1, 4), (2, 5), (3, 5), (4, 5)
-    readings_m = 2.349633, 2.392999, 0.696807, 0.539641, 3.202451, 1.599008, 1.702298, 2.812894
-    ranges_m = dict(zip(pairs, readings_m, strict=True))
+    ranges_m = {
+        (0, 3): 2.349633,
+        (0, 4): 2.392999,
+        (0, 5): 0.696807,
+        (1, 2): 0.539641,
+        (1, 4): 3.202451,
+        (2, 5): 1.599008,
+        (3, 5): 1.702298,
+        (4, 5): 2.812894,
+    }
     robots = tuple(f'r{i}' for i in range(6))
     localizer = new_localizer(robots, range_error=(0.0, 0.0, -0.01, 0.01))
     for (i, j), range_m in ranges_m.items():
@@ -255,9 +268,14 @@ def test_points_on_an_arc_are_as_far_off_as_their_covariances_say(shared, name):
 def test_a_robot_that_was_carried_away_is_not_where_it_was_likely():
     """After the jump, which odometry does not show, one anchor is heard: a ring is left."""
     places_m = {'m': (0.0, 0.0), 'n': (10.0, 0.0), 'o': (10.0, 10.0), 'p': (0.0, 10.0)}
-    errors = {'range_error': (-0.1, 0.1, 0.0, 0.0)}
-    errors |= {'odometry_error': (0.02, 0.0, 0.0, 0.02, 0.01, 0.01)}
-    localizer = new_localizer('a', places_m, max_age_s=0.5, memory_s=8.0, **errors)
+    localizer = new_localizer(
+        'a',
+        places_m,
+        range_error=(-0.1, 0.1, 0.0, 0.0),
+        max_age_s=0.5,
+        memory_s=8.0,
+        odometry_error=(0.02, 0.0, 0.0, 0.02, 0.01, 0.01),
+    )
     answers = 0
     for tick in range(130):
         now_s, moved = NOW_S + 0.1 * tick, tick >= 70

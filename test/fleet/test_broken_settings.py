@@ -142,10 +142,15 @@ ANCHORS_M = {'a0': (0.0, 0.0), 'a1': (8.0, 0.0), 'a2': (3.0, 7.0)}
 
 def driving(ahead_s=0.0, late_s=0.0, **settings):
     """Return a robot that drives in a circle at 0.4 m/s among anchors, by a clock of its own."""
-    told = {'max_speed_m_s': 0.404, 'max_turn_rate_rad_s': 0.505}
-    told |= {'range_error': RangeErrorModel(-1e-4, 1e-4, 0.0, 0.0)}
-    told |= {'odometry_error': OdometryErrorModel(1e-3, 0.0, 0.0, 1e-3)}
-    robot = Circling(1, anchors=anchors_at(ANCHORS_M), **told, **settings)
+    robot = Circling(
+        1,
+        anchors=anchors_at(ANCHORS_M),
+        range_error=RangeErrorModel(-1e-4, 1e-4, 0.0, 0.0),
+        max_speed_m_s=0.404,
+        max_turn_rate_rad_s=0.505,
+        odometry_error=OdometryErrorModel(1e-3, 0.0, 0.0, 1e-3),
+        **settings,
+    )
     robot.ahead_s, robot.late_s = ahead_s, late_s
     return robot
 
@@ -172,9 +177,16 @@ def test_stamps_that_are_more_wrong_than_is_stated_are_noticed(odometry):
 @pytest.mark.parametrize('ahead_s', [-0.05, 0.05])
 def test_a_ray_with_the_stamp_of_the_answer_may_be_of_another_time(ahead_s, with_odometry):
     """A robot with a camera turns on the spot."""
-    errors = {'range_error': (-1e-3, 1e-3, 0.0, 0.0), 'bearing_half_width_rad': 0.005}
-    limits = {'max_speed_m_s': 0.0, 'max_turn_rate_rad_s': 1.01, 'memory_s': 0.0}
-    localizer = new_localizer(('r',), ANCHORS_M, stamp_error_s=0.05, **errors, **limits)
+    localizer = new_localizer(
+        ('r',),
+        anchors=ANCHORS_M,
+        range_error=(-1e-3, 1e-3, 0.0, 0.0),
+        bearing_half_width_rad=0.005,
+        max_speed_m_s=0.0,
+        max_turn_rate_rad_s=1.01,
+        memory_s=0.0,
+        stamp_error_s=0.05,
+    )
     measured_s, stamp_s, now_s = 100.0, 100.0 + ahead_s, 100.05
     if with_odometry:
         add_odometry(localizer, 'r', (0.0, 0.0), stamp_s, measured_s, now_s)

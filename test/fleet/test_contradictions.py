@@ -222,8 +222,14 @@ def estimates(
 ):
     """Yield estimates of a robot with odometry, and where it truly is."""
     anchors_m = {name: place[:dimension] for name, place in [*ANCHORS_M.items()][:n_anchors]}
-    settings |= {'range_error': (-0.05, 0.3, 0.0, 0.0), 'max_speed_m_s': 0.5}
-    localizer = new_localizer(('r1',), anchors_m, dimension=dimension, **settings)
+    localizer = new_localizer(
+        ('r1',),
+        dimension=dimension,
+        anchors=anchors_m,
+        range_error=(-0.05, 0.3, 0.0, 0.0),
+        max_speed_m_s=0.5,
+        **settings,
+    )
     for tick in range(TICKS):
         for step in range(5):
             now_s = 1000.0 + 0.5 * tick + 0.1 * step
@@ -416,9 +422,12 @@ def test_wrong_observations_that_are_exposed_never_cost_the_truth(
         return
     liars = {pairs[i] for i in rng.choice(len(pairs), wrong, replace=False)}
     elsewhere = places + rng.uniform(-4.0, 4.0, places.shape) if agreeing else None
-    fleet = {'robots': points[:robots]}
-    fleet['anchors'] = dict(zip(points[robots:], places[robots:], strict=True))
-    localizer = make_trio(**fleet, max_outliers=wrong, max_hypotheses=5000)
+    localizer = make_trio(
+        robots=tuple(points[:robots]),
+        anchors=dict(zip(points[robots:], places[robots:], strict=True)),
+        max_outliers=wrong,
+        max_hypotheses=5000,
+    )
     for i, j in pairs:
         reading = math.dist(places[i], places[j]) * rng.uniform(0.981, 1.019)
         if (i, j) in liars:

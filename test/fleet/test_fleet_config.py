@@ -200,7 +200,9 @@ def test_what_is_no_snapshot_is_named():
 
 
 EXACT = RangeErrorModel(min_error_relative=0.0, max_error_relative=0.0)
-UWB = RangeErrorModel(-0.1, 1.3, 0.0, 0.02)
+UWB = RangeErrorModel(
+    min_error_m=-0.1, max_error_m=1.3, min_error_relative=0.0, max_error_relative=0.02
+)
 FAR = RangeErrorModel(beyond_max_is_far=True)
 
 
@@ -225,7 +227,12 @@ fraction = st.floats(-0.9, 0.9)
     share=st.fractions(0, 1),
 )
 def test_every_true_distance_of_the_model_is_inside(reading, absolute, relative, share):
-    model = RangeErrorModel(min(absolute), max(absolute), min(relative), max(relative))
+    model = RangeErrorModel(
+        min_error_m=min(absolute),
+        max_error_m=max(absolute),
+        min_error_relative=min(relative),
+        max_error_relative=max(relative),
+    )
     lower, upper = distance_bounds_m(model, reading)
     exact = Fraction(reading)
     low = Fraction(min(absolute)) + Fraction(min(relative)) * exact

@@ -196,7 +196,13 @@ def test_headings_that_contradict_rays_are_found_in_every_group():
     assert localizer.step(NOW_S).verdict is Verdict.INFEASIBLE
 
 
-CUBE = {'a': (0, 0, 0), 'b': (4, 0, 0), 'c': (1, 3, 0), 'd': (2, 1, 3), 'e': (-1, 2, -2)}
+CUBE = {
+    'a': (0.0, 0.0, 0.0),
+    'b': (4.0, 0.0, 0.0),
+    'c': (1.0, 3.0, 0.0),
+    'd': (2.0, 1.0, 3.0),
+    'e': (-1.0, 2.0, -2.0),
+}
 
 
 def test_in_space_two_rays_fix_a_heading_and_three_the_chirality():
@@ -219,8 +225,14 @@ def test_in_space_two_rays_fix_a_heading_and_three_the_chirality():
 def answer(anchors, places, peers=(), seen=(), bound_m=0.0, **settings):
     """Return the answer to ranges of robots to anchors, all or those seen, and to some peers."""
     rng = np.random.default_rng(5)
-    settings |= {'range_error': (-0.05, 0.05, 0.0, 0.0), 'memory_s': 0.0, 'max_speed_m_s': 0.0}
-    localizer = new_localizer(places, anchors_at(anchors, bound_m), **settings)
+    localizer = new_localizer(
+        places,
+        anchors=anchors_at(anchors, bound_m),
+        range_error=(-0.05, 0.05, 0.0, 0.0),
+        memory_s=0.0,
+        max_speed_m_s=0.0,
+        **settings,
+    )
     points = {**anchors, **places}
     links = [(robot, anchor) for robot in places for anchor in seen or anchors]
     for observer, target in (*links, *peers):
@@ -339,7 +351,9 @@ def test_the_frame_is_that_of_the_odometry_and_stands_still():
 
 
 def test_in_the_frame_a_robot_is_where_its_messages_say_however_they_are_scaled():
-    error = OdometryErrorModel(0.02, 0.0, 0.0, 0.02, translation_scale=0.8)
+    error = OdometryErrorModel(
+        translation_per_m=0.02, rotation_per_rad=0.02, translation_scale=0.8
+    )
     fleet = circling_fleet(odometry_error=error)
     fleet.scale = 0.8
     for estimate in drive(fleet, 5.0):

@@ -111,7 +111,15 @@ def test_no_pose_is_lost_by_sensors_without_odometry(seed, outliers):
     assert all(known) and len(known) >= (3 if outliers else 6)
 
 
-ERROR = OdometryErrorModel(0.05, 0.01, 0.01, 0.05, 0.02, 0.02, tilt_rad=0.03)
+ERROR = OdometryErrorModel(
+    translation_per_m=0.05,
+    translation_per_rad=0.01,
+    rotation_per_m=0.01,
+    rotation_per_rad=0.05,
+    constant_m=0.02,
+    constant_rad=0.02,
+    tilt_rad=0.03,
+)
 FLIGHT_S = 12.0
 
 

@@ -150,10 +150,15 @@ def test_rays_to_anchors_that_are_not_ranged_give_place_and_heading(mounts):
     """There is no odometry; bounds are at most 1.5 times as wide as those that sampling finds."""
     rng = np.random.default_rng(0)
     place, yaw = np.array([0.6, -0.4]), 2.2
-    told = {'range_error': (-0.01, 0.01, 0.0, 0.0), 'bearing_half_width_rad': 0.002}
-    told |= {'max_speed_m_s': 0.0, 'max_turn_rate_rad_s': 0.0}
-    told |= {'mounts': {'r': mounts}} if mounts else {}
-    localizer = new_localizer('r', {**RANGED, **SEEN}, **told)
+    localizer = new_localizer(
+        'r',
+        anchors={**RANGED, **SEEN},
+        mounts={'r': mounts} if mounts else {},
+        range_error=(-0.01, 0.01, 0.0, 0.0),
+        bearing_half_width_rad=0.002,
+        max_speed_m_s=0.0,
+        max_turn_rate_rad_s=0.0,
+    )
     names = [f'r/{sensor}' if mounts else 'r' for sensor in ('tag', 'cam')]
     arms_m = (mounts.get(sensor, (0.0, 0.0)) for sensor in ('tag', 'cam'))
     tag, camera = (place + turn(2, yaw)[:2, :2] @ arm_m for arm_m in arms_m)
@@ -169,9 +174,20 @@ def test_rays_to_anchors_that_are_not_ranged_give_place_and_heading(mounts):
     assert placement.heading_half_width_rad[0] < 0.02
 
 
-ANCHORS_M = {'a0': (0, 0, 0.5), 'a1': (8, 0, 2), 'a2': (3, 7, 0), 'a3': (8, 7, 3)}
+ANCHORS_M = {
+    'a0': (0.0, 0.0, 0.5),
+    'a1': (8.0, 0.0, 2.0),
+    'a2': (3.0, 7.0, 0.0),
+    'a3': (8.0, 7.0, 3.0),
+}
 TAG_M = np.array([0.5, 0.2, 0.3])
-ERROR = OdometryErrorModel(0.02, 0.0, 0.0, 0.02, 0.01, 0.01, tilt_rad=0.02)
+ERROR = OdometryErrorModel(
+    translation_per_m=0.02,
+    rotation_per_rad=0.02,
+    constant_m=0.01,
+    constant_rad=0.01,
+    tilt_rad=0.02,
+)
 
 
 def pose(time_s, dimension):

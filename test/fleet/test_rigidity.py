@@ -189,7 +189,12 @@ def test_what_is_called_rigid_or_fixed_is_by_the_rank_of_what_is_measured(dimens
     assert min(called[claim] for claim in ('rigid', 'fixed', 'not flexible')) >= 2
 
 
-RING_ANCHORS = {'a': (0, 0, 0), 'b': (10, 0, 1), 'c': (0, 8, 2), 'd': (6, 6, 4)}
+RING_ANCHORS = {
+    'a': (0.0, 0.0, 0.0),
+    'b': (10.0, 0.0, 1.0),
+    'c': (0.0, 8.0, 2.0),
+    'd': (6.0, 6.0, 4.0),
+}
 
 
 def estimate_after(dimension, heard, *, memory, moves=False, anchors=RING_ANCHORS):

@@ -59,8 +59,13 @@ def test_small_bounds_hold_in_single_precision(error):
 
 
 PERIOD_S = 0.05
-TERMS = (), (0.1, 0.02, 0.05, 0.2), (0.0, 0.0, 0.0, 0.3), (1.0, 0.5, 0.5, 1.0), (0.0, 0.0, 0.1)
-ERRORS = [simulation.OdometryErrors(*terms) for terms in TERMS]
+ERRORS = [
+    simulation.OdometryErrors(),
+    simulation.OdometryErrors(0.1, 0.02, 0.05, 0.2),
+    simulation.OdometryErrors(0.0, 0.0, 0.0, 0.3),
+    simulation.OdometryErrors(1.0, 0.5, 0.5, 1.0),
+    simulation.OdometryErrors(0.0, 0.0, 0.1, 0.0),
+]
 
 
 def tracks(errors, path, seed=2):

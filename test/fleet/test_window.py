@@ -343,10 +343,17 @@ TOO_LONG = 1.006
 
 def driving(memory_s, error=ERROR):
     """Return a robot that circles among anchors, by odometry that errs."""
-    told = {'max_age_s': 0.5, 'max_speed_m_s': 1.0, 'max_turn_rate_rad_s': 1.0}
-    told |= {'range_error': RangeErrorModel(-0.1, 0.1, 0.0, 0.0), 'odometry_error': error}
-    anchors = anchors_at(ANCHORS_M)
-    fleet = Circling(1, odometry_frame='odom', anchors=anchors, memory_s=memory_s, **told)
+    fleet = Circling(
+        1,
+        odometry_frame='odom',
+        anchors=anchors_at(ANCHORS_M),
+        range_error=RangeErrorModel(-0.1, 0.1, 0.0, 0.0),
+        max_age_s=0.5,
+        max_speed_m_s=1.0,
+        max_turn_rate_rad_s=1.0,
+        odometry_error=error,
+        memory_s=memory_s,
+    )
     fleet.scale = 1.0 / TOO_LONG
     return fleet
 
@@ -418,8 +425,12 @@ def localizer_of(robots, **settings):
 
 def enclosures_among_anchors(first_error_m, outliers):
     """Return the enclosures of two parked robots by time since the start."""
-    told = {'range_error': (-0.01, 0.01, -0.3, 0.3), 'window_outliers': outliers}
-    localizer = localizer_of(PLACES_M, anchors=BEACONS_M, **told)
+    localizer = localizer_of(
+        tuple(PLACES_M),
+        anchors=BEACONS_M,
+        range_error=(-0.01, 0.01, -0.3, 0.3),
+        window_outliers=outliers,
+    )
     found = {}
     for step in range(80):
         since_s, now_s = step * STEP_S, START_S + step * STEP_S

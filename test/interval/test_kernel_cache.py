@@ -59,9 +59,13 @@ class Tiny:
         }
 
     def start(self, *kinds):
-        pipes = {'stdout': subprocess.PIPE, 'stderr': subprocess.PIPE, 'text': True}
-        command = sys.executable, '-c', RUN, *kinds
-        return subprocess.Popen(command, env=self.environment, **pipes)
+        return subprocess.Popen(
+            [sys.executable, '-c', RUN, *kinds],
+            env=self.environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
 
     def run(self, *kinds):
         """Return the answers, how many kernels were loaded and compiled, and any refusal."""

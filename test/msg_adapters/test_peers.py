@@ -62,9 +62,15 @@ def test_every_type_and_byte_order_is_understood(whole, real, order):
 
 
 def test_fields_may_be_in_any_order_with_gaps_and_others_between():
-    names, formats = 'z intensity range y peer x'.split(), '<f4 <f4 <f8 <f4 <u2 <f8'.split()
-    layout = {'names': names, 'formats': formats, 'offsets': [2, 6, 12, 20, 30, 33]}
-    assert_rows(peers_from_message(cloud(np.dtype({**layout, 'itemsize': 48}))))
+    dtype = np.dtype(
+        {
+            'names': ['z', 'intensity', 'range', 'y', 'peer', 'x'],
+            'formats': ['<f4', '<f4', '<f8', '<f4', '<u2', '<f8'],
+            'offsets': [2, 6, 12, 20, 30, 33],
+            'itemsize': 48,
+        }
+    )
+    assert_rows(peers_from_message(cloud(dtype)))
 
 
 def test_ranges_alone_and_rays_alone_are_enough():

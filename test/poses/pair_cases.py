@@ -87,8 +87,15 @@ def random_case(seed, *, scale_m=None, liars=0, space=None, alone=False):
     distance = scale_m * np.linalg.norm(w / scale_m, axis=-1)
     stated = stated_a, stated_b
     distances, rays = _distances(rng, distance), _rays(rng, w, truth, poses, stated)
-    own_rng, points = np.random.default_rng([seed, 5]), (true_a, true_b)
-    heard = _differences(own_rng, scale_m * flat, truth, poses, stated, points, rays[2])
+    heard = _differences(
+        np.random.default_rng([seed, 5]),
+        scale_m * flat,
+        truth,
+        poses,
+        stated,
+        (true_a, true_b),
+        rays[2],
+    )
     if alone:
         distances, rays = None, (None, None, rays[2])
     readings = PairReadings.of(points_a, points_b, distances, *rays, heard)
@@ -171,7 +178,6 @@ def _with_lies(rng, readings, liars, scale_m):
     lie = np.zeros(len(readings))
     lie[chosen] = lies
     rays[chosen] = rng.normal(size=(len(chosen), 3)) * [1.0, 1.0, 0.0]
-    wrong = Interval(readings.difference_m.lower + lie, readings.difference_m.upper + lie)
     return PairReadings.of(
         readings.points_a_m,
         readings.points_b_m,
@@ -179,5 +185,8 @@ def _with_lies(rng, readings, liars, scale_m):
         rays,
         readings.ray_errors_rad,
         readings.seen_by_b,
-        (readings.references_m, wrong),
+        (
+            readings.references_m,
+            Interval(readings.difference_m.lower + lie, readings.difference_m.upper + lie),
+        ),
     )

@@ -48,7 +48,12 @@ def test_a_ring():
 
 
 def test_boxes_touch_across_the_half_turn_only_where_they_do():
-    boxes = [box(0, 0, math.pi - 0.1), box(1, 0, 0.1 - math.pi), box(2.5, 0, 0), box(2, 0.9, 0.15)]
+    boxes = [
+        box(0.0, 0.0, math.pi - 0.1),
+        box(1.0, 0.0, -math.pi + 0.1),
+        box(2.5, 0.0, 0.0),
+        box(2.0, 0.9, 0.15),
+    ]
     first, second = Cover(np.array(boxes)).components
     assert len(first) == len(second) == 2
     arcs = sorted(part.yaw_rad for part in (first, second))

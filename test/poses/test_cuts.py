@@ -32,15 +32,22 @@ def random_reading(rng, kind, space):
     if 'difference' in kind:
         reference = rng.normal(size=(1, 3)) * 3.0 * flat
         low = rng.uniform(-3.0, 3.0, 1)
-        heard = Interval.point(reference), Interval(low, low + rng.choice([0.01, 1.0]))
-        readings = PairReadings.of(*points, seen_by_b=kind == 'difference of B', differences=heard)
+        readings = PairReadings.of(
+            *points,
+            seen_by_b=kind == 'difference of B',
+            differences=(Interval.point(reference), Interval(low, low + rng.choice([0.01, 1.0]))),
+        )
     elif kind == 'distance':
         low = rng.uniform(0.0, 6.0, 1)
         readings = PairReadings.of(*points, Interval(low, low + rng.choice([0.01, 1.0])))
     else:
         ray = rng.normal(size=(1, 3)) * flat
-        seen = ray, rng.choice([0.01, 0.3, 1.2], size=1), kind == 'ray of B'
-        readings = PairReadings.of(*points, None, *seen)
+        readings = PairReadings.of(
+            *points,
+            rays=ray,
+            ray_errors_rad=rng.choice([0.01, 0.3, 1.2], size=1),
+            seen_by_b=kind == 'ray of B',
+        )
     return readings, (a, b), error
 
 
@@ -103,8 +110,11 @@ def test_exact_readings_need_rounding():
         )
         scale = rng.integers(1, 2**30, 6) * 2.0**-30
         w = np.stack([sides[:, 0] * scale, sides[:, 1] * scale, np.zeros(6)], axis=-1)
-        exact = position + b - w, b, sides[:, 2] * scale
-        readings = PairReadings.of(*map(Interval.point, exact))
+        readings = PairReadings.of(
+            Interval.point(position + b - w),
+            Interval.point(b),
+            Interval.point(sides[:, 2] * scale),
+        )
         cover = cover_poses(readings)
         low, high = cover.boxes[:, LOW], cover.boxes[:, HIGH]
         truth = np.append(position, 0.0)

@@ -45,8 +45,12 @@ AS_MAP = SimpleNamespace(fixed_frame='map', lifetime_s=1.0, least_deviation_m=0.
 
 def report_on(estimate, robots, localized_width_m=math.inf, **changes):
     """Return what the diagnostics of a node without trouble are made of."""
-    own = {'lifetime_s': 1.0, 'rate_hz': 5.0, 'localized_width_m': localized_width_m}
-    settings = SimpleNamespace(fleet=SimpleNamespace(robots=robots), **own)
+    settings = SimpleNamespace(
+        fleet=SimpleNamespace(robots=robots),
+        lifetime_s=1.0,
+        rate_hz=5.0,
+        localized_width_m=localized_width_m,
+    )
     plain = {'node': 'localizer', 'settings': settings, 'malformed': {}, 'wrong_types': {}}
     return Report(estimate=estimate, **{**plain, **changes})
 

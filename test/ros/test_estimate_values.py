@@ -63,9 +63,16 @@ def placement(shift_m=0.0, dimension=2, **changes):
 
 
 def estimate(*placements, **changes):
-    made = Estimate(12.5, ROBOTS, Verdict.COVERED, 'as measured', placements, len(placements))
-    links = (LinkState(AB, 3.0, 3.3, 0.1, stale=False),)
-    return replace(made, **{'links': links, **changes})
+    made = Estimate(
+        stamp_s=12.5,
+        robots=ROBOTS,
+        verdict=Verdict.COVERED,
+        reason='as measured',
+        placements=placements,
+        n_hypotheses=len(placements),
+        links=(LinkState(AB, 3.0, 3.3, 0.1, stale=False),),
+    )
+    return replace(made, **changes)
 
 
 def input_state(**changes):

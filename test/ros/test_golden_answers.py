@@ -27,8 +27,11 @@ GOLDEN = REPOSITORY / 'test/golden/answers.json'
 # Stamps of 0 count as not filled in.
 START_S = 1_000_000.0
 SHOWN, NEAR_M = 8, 0.01
-TRUTHS = dict.fromkeys(('mrclam', 'lias'), '/{robot}/truth')
-TRUTHS['tiers'] = '/vrpn_client_node/{robot}_cap/pose'
+TRUTHS = {
+    'tiers': '/vrpn_client_node/{robot}_cap/pose',
+    'mrclam': '/{robot}/truth',
+    'lias': '/{robot}/truth',
+}
 # Least and greatest error of a range, in m and as a fraction.
 TABLES = {
     'plaza1': (-1.0, 1.5, 0.03, 0.1),

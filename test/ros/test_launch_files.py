@@ -33,8 +33,11 @@ from dg_localization.ros.simulation.simulate_fleet import PARAMETERS
 REPOSITORY = Path(__file__).parents[2]
 LAUNCH = REPOSITORY / 'launch'
 FILES = sorted(LAUNCH.glob('*.launch.py'))
-FLEET_FILE = {'params_file': 'fleet.yaml'}
-REQUIRED = {'localizer': FLEET_FILE, 'simulation': {}, 'bag': {**FLEET_FILE, 'bag': 'recording'}}
+REQUIRED = {
+    'localizer': {'params_file': 'fleet.yaml'},
+    'simulation': {},
+    'bag': {'params_file': 'fleet.yaml', 'bag': 'recording'},
+}
 
 
 class MissingArgumentError(Exception):

@@ -202,9 +202,16 @@ sys.exit(worker.exit_code_despite_worker(3))
     assert run_python(code).returncode == 3
 
 
+FREEZING = """
+import gc
+from dg_localization.ros.node.worker import load_for_good
+load_for_good()
+print(gc.get_freeze_count(), len(gc.get_objects()))
+"""
+
+
 def test_collections_leave_out_what_the_kernels_are_made_of():
-    code = 'from dg_localization.ros.node.worker import load_for_good; load_for_good(); import gc'
-    done = run_python(f'{code}; print(gc.get_freeze_count(), len(gc.get_objects()))')
+    done = run_python(FREEZING)
     left_out, looked_at = map(int, done.stdout.split())
     assert left_out > 100 * looked_at
 

@@ -52,8 +52,11 @@ def bounds_of_links(found):
     return [link.bounds_within(found.fleet.sensor_bounds) for link in found.links]
 
 
-SPECIAL = ('.topic', '.stamp_offset', 'dimension')
-SCALARS = [x for x, spec in TABLE.items() if spec.list_of is None and not x.endswith(SPECIAL)]
+SCALARS = [
+    name
+    for name, spec in TABLE.items()
+    if spec.list_of is None and not name.endswith(('.topic', '.stamp_offset', 'dimension'))
+]
 
 
 @pytest.mark.parametrize('name', SCALARS)

@@ -25,10 +25,14 @@ ANCHORED = FixedFrame(FrameKind.ANCHORS, ('p', 'q', 'r'))
 
 def odometry_of(*poses, frame='a/odom', xyzw=None, z=0.0):
     """Return odometry with poses of (stamp, x, y, yaw)."""
-    turns = [quaternion_of_yaw(yaw_rad) if xyzw is None else xyzw for *_, yaw_rad in poses]
     return tuple(
-        Pose(stamp_s, np.array([x, y, z]), rotation_of_quaternion(turn), frame)
-        for (stamp_s, x, y, _), turn in zip(poses, turns, strict=True)
+        Pose(
+            stamp_s,
+            np.array([x, y, z]),
+            rotation_of_quaternion(quaternion_of_yaw(yaw_rad) if xyzw is None else xyzw),
+            frame,
+        )
+        for stamp_s, x, y, yaw_rad in poses
     )
 
 

@@ -75,8 +75,11 @@ def braced_grid(rows, columns, error, seed=0, holes=0.0):
     positions = np.stack(np.unravel_index(np.arange(rows * columns), (rows, columns)), axis=1)
     positions = 5.0 * positions + rng.uniform(-1.0, 1.0, positions.shape)
     squared = squared_distances(positions)
-    near = [pair for pair in pairs_where(squared < 8.5**2) if rng.random() >= holes]
-    ranges = {x: (squared[x] * (1 - error) ** 2, squared[x] * (1 + error) ** 2) for x in near}
+    ranges = {
+        pair: (squared[pair] * (1 - error) ** 2, squared[pair] * (1 + error) ** 2)
+        for pair in pairs_where(squared < 8.5**2)
+        if rng.random() >= holes
+    }
     return Problem(*bounds(len(positions), ranges)), positions
 
 
