@@ -957,8 +957,8 @@ FLEET = [
         ('test/fleet/test_window.py',),
         (
             'the scale of odometry is ignored',
-            'if self.translation_scale == 1.0:',
-            'if self.translation_scale > 0.0:',
+            'np.asarray(self.translation_scale * position_m)',
+            'np.asarray(position_m)',
         ),
     ),
     *_in(

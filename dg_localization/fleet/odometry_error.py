@@ -92,8 +92,6 @@ class OdometryErrorModel:
 
         The rounded product is the track by definition, so its rounding widens nothing.
         """
-        if self.translation_scale == 1.0:
-            return position_m
         return np.asarray(self.translation_scale * position_m)
 
     @property
