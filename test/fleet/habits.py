@@ -80,10 +80,8 @@ def _draw_formation(history, rng):
             start_m[int(formation == 'abreast')] = SPACING_M * robot
         drive.start(start_m, None if are_together else 0.0)
     if rng.random() < 0.5:
-        anchors = {
-            name: Anchor((x_m, *np.zeros(dimension - 1)))
-            for name, x_m in zip(history.config.anchors, ANCHORED_M, strict=False)
-        }
+        places = zip(history.config.anchors, ANCHORED_M, strict=False)
+        anchors = {name: Anchor((x_m, *np.zeros(dimension - 1))) for name, x_m in places}
         history.config = replace(history.config, anchors=anchors)
 
 

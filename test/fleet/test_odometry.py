@@ -138,10 +138,8 @@ def test_late_samples_are_inside(seed, lag_s):
     poses = path_of(stamps, track, error, limits).past_poses(stamps[50:380], stamps[380])
 
     def truly(times):
-        return tuple(
-            np.array([np.interp(times, stamps, column) for column in columns.T]).T
-            for columns in (track[0], track[1][:, None])
-        )
+        parts = track[0], track[1][:, None]
+        return tuple(np.array([np.interp(times, stamps, x) for x in part.T]).T for part in parts)
 
     positions, yaws = truly(np.append(stamps[50:380], stamps[380]) + lag_s)
     positions, yaws = seen_from_last(positions, yaws[:, 0])

@@ -206,10 +206,8 @@ def rank(x):
 def is_tight(computed, tightest):
     """Tell whether an interval holds the tightest one and exceeds it by no more than it may."""
     excess = rank(tightest[0]) - rank(computed[0]), rank(computed[1]) - rank(tightest[1])
-    return all(
-        0 <= e <= MOST_EXCESS + (abs(end) < LEAST_NORMAL * 4.0)
-        for e, end in zip(excess, tightest, strict=True)
-    )
+    ends = zip(excess, tightest, strict=True)
+    return all(0 <= e <= MOST_EXCESS + (abs(end) < LEAST_NORMAL * 4.0) for e, end in ends)
 
 
 @pytest.mark.parametrize('operation', OPERATIONS)

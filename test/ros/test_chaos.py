@@ -32,10 +32,8 @@ def test_the_node_survives_and_no_old_answer_looks_new():
 
 class Screen:
     def __init__(self, level, ages_s):
-        self.seen = [
-            Seen(0.1 * k, 50.0, None if age_s is None else 50.0 - age_s, level, '')
-            for k, age_s in enumerate(ages_s)
-        ]
+        stamps_s = [None if age_s is None else 50.0 - age_s for age_s in ages_s]
+        self.seen = [Seen(0.1 * k, 50.0, s, level, '') for k, s in enumerate(stamps_s)]
 
 
 def test_an_old_answer_that_looks_new_is_noticed():

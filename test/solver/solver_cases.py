@@ -20,10 +20,8 @@ def determinant(rows):
     if not rows:
         return 1
     minors = ([row[:k] + row[k + 1 :] for row in rows[1:]] for k in range(len(rows)))
-    return sum(
-        (-1) ** k * first * determinant(minor)
-        for k, (first, minor) in enumerate(zip(rows[0], minors, strict=True))
-    )
+    terms = enumerate(zip(rows[0], minors, strict=True))
+    return sum((-1) ** k * first * determinant(minor) for k, (first, minor) in terms)
 
 
 def orientation(points):
