@@ -27,13 +27,11 @@ from dg_localization.solver.contract.linearization import (
     point_errors_m,
 )
 from dg_localization.solver.contract.newton import (
-    MAX_COMBINATIONS,
     leave_out,
     narrow_displacements,
     set_inverse,
     set_multipliers,
 )
-from dg_localization.solver.contract.widths import LEAST_GAIN, largest_gain
 from dg_localization.solver.place.placements import place
 from dg_localization.solver.problem import Problem
 
@@ -45,34 +43,31 @@ def contract_linear(
     edges: IntArray,
     errors: FloatArray,
     explained: FloatArray,
-) -> float:
+) -> bool:
     """
     Narrow all pairs of a box by linear combinations of the measured ones, in place.
 
-    Returns the largest relative gain of a pair, 0 where the measurements do not make the points
-    rigid; a negative number when the box is proved to hold no placement.
+    Nothing is narrowed if the measurements do not make the points rigid. Returns False if the box
+    is proved to hold no placement.
     """
-    before = box[UPPER] - box[LOWER]
     n_points, dimension = positions.shape
     frame = np.full(dimension + 1, -1)
     errors_m = point_errors_m(box, np.arange(n_points))
     if not choose_axis(positions, errors_m, frame):
-        return 0.0
+        return True
     linear, n_unknowns = linearize(box, positions, edges, errors_m, frame)
     if n_unknowns < 0:
-        return -1.0 if n_unknowns == -1 else 0.0
+        return bool(n_unknowns != -1)
     inverse = np.empty((n_unknowns, len(edges)))
     widths = np.empty(len(edges))
     for m in range(len(edges)):
         widths[m] = box[UPPER, edges[m, 0], edges[m, 1]] - box[LOWER, edges[m, 0], edges[m, 1]]
     if not set_inverse(widths, linear, inverse):
-        return 0.0
+        return True
     relative = np.empty((len(edges), 2, dimension))
     if not narrow_displacements(box, linear, relative):
-        return -1.0
-    if not _narrow_all_pairs(box, linear, inverse, errors, explained):
-        return -1.0
-    return largest_gain(box, before)
+        return False
+    return bool(_narrow_all_pairs(box, linear, inverse, errors, explained))
 
 
 @kernel
@@ -150,15 +145,11 @@ def combine(
     box: FloatArray, dimension: int, edges: IntArray, errors: FloatArray, explained: FloatArray
 ) -> bool:
     """
-    Narrow connected points by linear combinations of measured pairs, while that gains.
+    Narrow connected points by linear combinations of measured pairs.
 
     The widths that measurement errors explain are written in m^2 if the measurements make the
     points rigid. Return False if the box is proved to hold no placement.
     """
-    # Any placement serves as a reference, so it is not recomputed for the narrowed box.
+    # Any placement serves as a reference.
     positions = place(box, dimension, REFERENCE_STEPS)
-    for _ in range(MAX_COMBINATIONS):
-        gain = contract_linear(box, positions, edges, errors, explained)
-        if gain < LEAST_GAIN:
-            return bool(gain >= 0.0)
-    return True
+    return bool(contract_linear(box, positions, edges, errors, explained))

@@ -31,15 +31,14 @@ from dg_localization.solver.contract.linearization import (
     point_errors_m,
     set_residuals,
 )
-from dg_localization.solver.contract.newton import (
-    MAX_COMBINATIONS,
-    narrow_bounds,
-    narrow_displacements,
-)
+from dg_localization.solver.contract.newton import narrow_bounds, narrow_displacements
 from dg_localization.solver.contract.widths import LEAST_GAIN
 
 TOLERANCE = 0.03
 """Fraction of their widths by which measured pairs may violate bounds in a linear program."""
+
+MAX_COMBINATIONS = 4
+"""Most times that linear programs of all measured pairs are repeated."""
 
 
 def contract_in_frame(

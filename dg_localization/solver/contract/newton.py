@@ -157,9 +157,6 @@ def leave_out(multipliers: FloatArray, own: int) -> bool:
     return True
 
 
-MAX_COMBINATIONS = 4
-"""Linear combinations of all measured pairs are repeated up to this number of times."""
-
 NEWTON_STEPS = 3
 """Most interval Newton steps."""
 
