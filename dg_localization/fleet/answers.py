@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
 import math
 import time
 from typing import NamedTuple
@@ -132,8 +131,9 @@ def _driving(config: FleetConfig, part: Part | None) -> Iterator[str]:
     placements = part.placements
     is_mirrored = [one.mirrored for one in placements]
     if is_mirrored.count(False) == 2 and part.n_hypotheses == len(placements):
-        alone = (_mirrored_alone(config, placements[0], other) for other in placements[1:])
-        yield from islice(filter(None, alone), 1)
+        advice = (_mirrored_alone(config, placements[0], other) for other in placements[1:])
+        if first := next(filter(None, advice), ''):
+            yield first
     if any(is_mirrored) and not all(is_mirrored):
         yield 'curves with odometry, or a camera that sees two others, rule out mirror images'
 

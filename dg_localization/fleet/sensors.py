@@ -218,9 +218,15 @@ class SensorBounds:
 
 
 NARROWER = {
-    **dict.fromkeys(('min_error_m', 'min_error_relative', 'max_reading_m'), 1),
-    **dict.fromkeys(('max_error_m', 'max_error_relative', 'min_reading_m'), -1),
-    **{'beyond_max_is_far': 1, 'sigma_factor': -1, 'bearing_half_width_rad': -1},
+    'min_error_m': 1,
+    'max_error_m': -1,
+    'min_error_relative': 1,
+    'max_error_relative': -1,
+    'min_reading_m': -1,
+    'max_reading_m': 1,
+    'beyond_max_is_far': 1,
+    'sigma_factor': -1,
+    'bearing_half_width_rad': -1,
 }
 """Whether bounds are narrower where a value is greater (1) or smaller (-1)."""
 

@@ -54,7 +54,7 @@ def pave(
     rank: Callable[[B], float] = lambda box: 0.0,
 ) -> Paving[B]:
     """
-    Cover all solutions in some boxes by smaller boxes; those kept and pending hold every one.
+    Cover all solutions in some boxes by smaller boxes: each lies in a kept or a pending box.
 
     `watch` sees the paving so far and the number of waiting boxes, before each box and at the end,
     and says whether to go on. Boxes of the least rank are examined first, those of equal rank in

@@ -50,7 +50,7 @@ class LinearPrograms(NamedTuple):
     table: np.ndarray  # (f + 2, f): unknowns, the function, and the function without ties
     active: np.ndarray  # (f,)
     values: np.ndarray  # (m,): values of the rows with the active ones at their bounds
-    reached: np.ndarray  # (2, f): the least and greatest unknowns at all maxima found so far
+    reached: np.ndarray  # (2, f): least and greatest unknowns at the maxima found so far
 
 
 @kernel

@@ -153,6 +153,7 @@ def narrow_box(box: np.ndarray, table: np.ndarray, passes: int) -> int:
             ends = np.ones(2)
             for end in range(2):
                 sign = 1.0 if end == HIGH else -1.0
+                # A feasible point so near to the end leaves too little to gain.
                 if sign * programs.reached[end, column] > 1.0 - LEAST_GAIN:
                     continue
                 programs.table[len(open_columns)] = sign * programs.table[column]

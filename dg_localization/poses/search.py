@@ -114,7 +114,7 @@ def find_poses(
     paving = pave(
         inversion.batches(boxes),
         inversion.examine,
-        lambda paving, n_waiting: inversion.has_room() and not stopped(),
+        lambda *_: inversion.has_room() and not stopped(),
         lambda batch: batch.depth,
     )
     left = [boxes[:0], *(batch.boxes for batch in (*paving.kept, *paving.pending))]

@@ -84,8 +84,12 @@ def test_no_two_robots_are_nearer_than_their_size_but_anchors_may_be():
 
 
 def test_pitch_does_not_bend_a_ray_in_the_plane():
-    exact = {'bearing_half_width_rad': 0.0, 'odometry_error': OdometryErrorModel()}
-    localizer = make(max_age_s=5.0, max_turn_rate_rad_s=10.0, **exact)
+    localizer = make(
+        max_age_s=5.0,
+        bearing_half_width_rad=0.0,
+        max_turn_rate_rad_s=10.0,
+        odometry_error=OdometryErrorModel(),
+    )
     localizer.add_odometry('a', [0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], NOW_S - 1.0, NOW_S)
     pitched = [0.0, math.sin(0.1), 0.0, math.cos(0.1)]
     localizer.add_odometry('a', [0.0, 0.0, 0.0], pitched, NOW_S, NOW_S)

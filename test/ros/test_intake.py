@@ -360,8 +360,8 @@ def test_a_fleet_whose_radios_share_one_topic_is_localized(bench, make_node):
 def test_a_camera_and_its_detections_turn_a_fleet(bench, make_node, text_messages):
     """The reference sees two others with a camera that looks to the left, and so has a heading."""
     text_messages(PixelReading, pixels_of_text)
-    links = f'/tags {TEXT} robot_1 yaw={0.5 * math.pi}', f'/info {CAMERA_INFO} robot_1'
-    make_node(links=[*links], stamp_source='receive', bearing__half_width=0.02)
+    links = [f'/tags {TEXT} robot_1 yaw={0.5 * math.pi}', f'/info {CAMERA_INFO} robot_1']
+    make_node(links=links, stamp_source='receive', bearing__half_width=0.02)
     # robot_1 at the origin; robot_2 at (0, 3), straight ahead of the camera, robot_3 at (-4, 3).
     pixels = f'eye robot_2:50:50 robot_3:{50.0 - 100.0 * 4.0 / 3.0}:50'
 

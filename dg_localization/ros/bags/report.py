@@ -115,9 +115,10 @@ def inputs_tree(recording: Recording, intake: Intake, now_s: float) -> Tree:
     for key in sorted({*states, *with_topic}):
         state = states.get(key)
         reasons = {reason.value: n for reason, n in state.rejected.items()} if state else {}
+        came_by = key_of_topic(key, with_topic)
         row: Tree = {
             'input': str(key),
-            'topics': [link.topic for link in links if link.key == key_of_topic(key, with_topic)],
+            'topics': [link.topic for link in links if link.key == came_by],
             'accepted': state.accepted if state else 0,
             'rejected': _counts(reasons),
             'last_rejection': state.last_reason_text if state else '',
