@@ -21,17 +21,6 @@ _STEP_OPERATIONS = 16.0
 
 
 @kernel(borrows=True)
-def _forward(turn_error_rad: float, along: float, across: float) -> float:
-    """
-    Bound the displacement of a point along one axis by an error of a turn.
-
-    `along` and `across` are its coordinates on this axis and on the other before the turns in
-    between, which err by at most `turn_error_rad`.
-    """
-    return abs(across) + min(1.0, turn_error_rad) * abs(along)
-
-
-@kernel(borrows=True)
 def walk_back(
     positions: np.ndarray,
     yaw: float,
@@ -73,8 +62,10 @@ def walk_back(
             dy = positions[end, 1] - positions[first, 1]
             along_x, along_y = cosine * dx + sine * dy, cosine * dy - sine * dx
             turn += step_errors_rad[step]
-            error_x += step_errors_rad[step] * _forward(turn, along_x, along_y)
-            error_y += step_errors_rad[step] * _forward(turn, along_y, along_x)
+            # An error of a turn moves a point across its direction, and back along it by as much
+            # as earlier turns err.
+            error_x += step_errors_rad[step] * (abs(along_y) + min(1.0, turn) * abs(along_x))
+            error_y += step_errors_rad[step] * (abs(along_x) + min(1.0, turn) * abs(along_y))
             error_m += step_errors_m[step]
             size = max(size, abs(dx) + abs(dy))
         dx = positions[first, 0] - positions[last, 0]

@@ -33,10 +33,10 @@ from dg_localization.solver.contract.triangles import smooth, smooth_triangles
 from dg_localization.solver.contract.widths import (
     LEAST_GAIN,
     axes_of,
+    has_gap,
     is_finished,
     largest_gain,
     rank_axes,
-    widest_gap_m,
 )
 from dg_localization.solver.problem import Problem
 
@@ -247,7 +247,7 @@ class Contractor:
             status = self._project(some, self.problem.n_points, stopped)
             if status is not None:
                 return status
-            if widest_gap_m(box) > 0.0:
+            if has_gap(box):
                 # The two parts contract better after a split.
                 if first + len(some) >= enough:
                     return Status.CONTRACTED

@@ -40,15 +40,24 @@ def relative_error(box: FloatArray, i: int, j: int) -> float:
     return 1.0 - box[LOWER, i, j] / max(box[UPPER, i, j], 1e-300)
 
 
+@kernel
 def excess(
     box: FloatArray, explained: FloatArray, factor: float, resolution_m: float
 ) -> FloatArray:
     """Return widths of pairs as multiples of their limits; 0 for unbounded pairs."""
-    low, high = box[LOWER], np.where(box[UPPER] < np.inf, box[UPPER], box[LOWER])
-    with np.errstate(over='ignore'):
-        allowed_m2 = factor * explained + resolution_m * 2.0 * np.sqrt(0.5 * low + 0.5 * high)
-    times = (np.sqrt(high) - np.sqrt(low)) / resolution_m
-    np.divide(high - low, allowed_m2, out=times, where=explained > 0.0)
+    n_points = box.shape[1]
+    times = np.zeros((n_points, n_points))
+    for i in range(n_points):
+        for j in range(i + 1, n_points):
+            low, high = box[LOWER, i, j], box[UPPER, i, j]
+            if high == np.inf:
+                continue
+            if explained[i, j] > 0.0:
+                allowed_m = 2.0 * resolution_m * np.sqrt(0.5 * low + 0.5 * high)
+                width = (high - low) / (factor * explained[i, j] + allowed_m)
+            else:
+                width = (np.sqrt(high) - np.sqrt(low)) / resolution_m
+            times[i, j] = times[j, i] = width
     return times
 
 
@@ -59,9 +68,9 @@ def is_finished(
     return bool(excess(box, explained, factor, resolution_m).max() <= 1.0)
 
 
-def widest_gap_m(box: FloatArray) -> float:
-    """Return the width of the widest known gap in m."""
-    return float((np.sqrt(box[GAP_UPPER]) - np.sqrt(box[GAP_LOWER])).max())
+def has_gap(box: FloatArray) -> bool:
+    """Return whether a gap is known in the range of a pair."""
+    return bool((box[GAP_LOWER] < box[GAP_UPPER]).any())
 
 
 def axes_of(problem: Problem) -> IntArray:
