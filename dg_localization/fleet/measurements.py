@@ -244,8 +244,10 @@ class MeasurementStore:
         source = self._inputs.get(key)
         return -math.inf if source is None else source.newest_stamp_s
 
-    def odometry_readings(self) -> dict[str, tuple[OdometrySample, ...]]:
-        """Return the odometry of every robot that has some, oldest first."""
+    def odometry_readings(self, now_s: float) -> dict[str, tuple[OdometrySample, ...]]:
+        """Return the odometry of every robot that has some, oldest first, for an answer."""
+        for track in self._tracks.values():
+            track.answered_s = now_s
         return {robot: track.readings for robot, track in self._tracks.items()}
 
     def newest_odometry_s(self) -> list[float]:

@@ -20,6 +20,7 @@ from dg_localization.fleet.error_models import quoted
 from dg_localization.fleet.odometry_error import OdometryErrorModel
 from dg_localization.fleet.rotations import level_rotations, rotation_angle_rad
 from dg_localization.fleet.vocabulary import OdometrySample
+from dg_localization.fleet.window.memory import MOST_OBSERVATIONS, STAMP_S
 from dg_localization.interval.angles import angle_up
 from dg_localization.interval.bounds import elapsed_up, product_up, sum_up
 from dg_localization.interval.rounding import rounding_error, step_up
@@ -41,7 +42,15 @@ ROUNDED = 12
 
 
 class OdometryTrack:
-    """The newest odometry of one robot, oldest first."""
+    """
+    The newest odometry of one robot, oldest first.
+
+    Attributes
+    ----------
+    answered_s : float
+        The time of the last answer: the next one carries its pose sets on from there.
+
+    """
 
     def __init__(self, config: FleetConfig, robot: str) -> None:
         self._max_speed_m_s = config.speed_m_s(robot)
@@ -53,6 +62,7 @@ class OdometryTrack:
         self._readings: list[OdometrySample] = []
         self._restarted_s = 0.0
         self._restart = ''
+        self.answered_s = math.inf
 
     @property
     def restart(self) -> str:
@@ -118,7 +128,7 @@ class OdometryTrack:
         self._readings.append(
             replace(reading, way_m=way_m, turned_rad=turned_rad, restarted_s=self._restarted_s)
         )
-        self._forget_before(reading.stamp_s - self._keep_s)
+        self._forget_outdated()
 
     def _is_back_at_zero(self, last: OdometrySample, reading: OdometrySample) -> bool:
         """
@@ -153,9 +163,14 @@ class OdometryTrack:
         by_rate_rad = product_up(self._max_turn_rate_rad_s, longest_s)
         return max(step_m, by_speed_m), max(turn_rad, by_rate_rad)
 
-    def _forget_before(self, stamp_s: float) -> None:
-        """Drop readings older than `stamp_s`, except the last of them."""
-        first_kept = bisect_left(self._readings, stamp_s, key=lambda reading: reading.stamp_s)
+    def _forget_outdated(self) -> None:
+        """Drop older readings than memory or the last answer need, except the last of them."""
+        outdated, unneeded = (
+            bisect_left(self._readings, until_s - self._keep_s, key=STAMP_S)
+            for until_s in (self._readings[-1].stamp_s, self.answered_s)
+        )
+        # Their number is limited, since it would grow while there is no answer.
+        first_kept = min(outdated, max(unneeded, outdated - MOST_OBSERVATIONS))
         del self._readings[: max(0, first_kept - 1)]
 
 

@@ -154,7 +154,7 @@ def take_snapshot(
     """
     anchors, mounts = bodies
     config = store.config_for_clocks()
-    motion = Motion(config, store.odometry_readings())
+    motion = Motion(config, store.odometry_readings(now_s))
 
     @cache
     def displacement_m(point: str, stamp_s: float) -> float:
