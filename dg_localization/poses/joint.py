@@ -187,13 +187,21 @@ def _narrow_by_programs(
 
     def examine(boxes: np.ndarray) -> Examined[np.ndarray]:
         nonlocal guilty
-        found = np.full(len(boxes), POSSIBLE)
-        for number, part in enumerate(boxes):
+        possible = np.ones(len(boxes), dtype=np.bool_)
+        low, high = np.full(boxes.shape[2], np.inf), np.full(boxes.shape[2], -np.inf)
+        for number in _farthest_first(boxes):
+            part = boxes[number]
+            # A box inside the hull of others cannot widen it.
+            if np.all(low <= part[LOW]) and np.all(part[HIGH] <= high):
+                continue
             if stopped():
-                return Examined(rest=[boxes[found == POSSIBLE]])
-            found[number] = narrow_box(part, table, PASSES)
-        left = boxes[found == POSSIBLE]
-        guilty = found[-1]
+                return Examined(rest=[boxes[possible]])
+            ruled_out_by = narrow_box(part, table, PASSES)
+            if ruled_out_by == POSSIBLE:
+                low, high = np.minimum(low, part[LOW]), np.maximum(high, part[HIGH])
+            else:
+                possible[number], guilty = False, ruled_out_by
+        left = boxes[possible]
         if len(left) == 0:
             return Examined()
         nothing_left_out = len(left) == len(boxes) >= FRUITLESS
@@ -217,6 +225,13 @@ def _levers_m(table: np.ndarray, n_bodies: int) -> np.ndarray:
             body = int(own[0, column])
             levers_m[body] = max(levers_m[body], np.median(own[:, radius]))
     return levers_m
+
+
+def _farthest_first(boxes: np.ndarray) -> np.ndarray:
+    """Return the numbers of boxes, those with headings farthest from the mean first."""
+    headings = boxes[..., YAW::4].sum(axis=1)
+    squares = np.square(headings - headings.mean(axis=0)).sum(axis=1)
+    return np.argsort(-squares, kind='stable')
 
 
 def _halves(boxes: np.ndarray, levers_m: np.ndarray) -> np.ndarray:
