@@ -99,7 +99,7 @@ def narrow_jointly(
             return JointPoses(poses.lower_m, poses.upper_m, poses.arcs_rad, worst)
         box[:, party] = _hull(found.boxes, box[:, party])
         if by_programs:
-            left, guilty = _narrow_by_programs(box[:, party], table, options.max_programs, stopped)
+            left, guilty = _narrow_by_programs(box[:, party], table, options, stopped)
             if guilty != POSSIBLE:
                 return JointPoses(poses.lower_m, poses.upper_m, poses.arcs_rad, named[guilty])
             box[:, party] = left
@@ -179,7 +179,7 @@ def _hull(boxes: np.ndarray, before: np.ndarray) -> np.ndarray:
 
 
 def _narrow_by_programs(
-    box: np.ndarray, table: np.ndarray, max_boxes: int, stopped: Callable[[], bool]
+    box: np.ndarray, table: np.ndarray, options: PairOptions, stopped: Callable[[], bool]
 ) -> tuple[np.ndarray, int]:
     """Return the hull (2, n, 4) of the remaining poses, and the pair that leaves none."""
     levers_m = _levers_m(table, box.shape[1])
@@ -191,8 +191,7 @@ def _narrow_by_programs(
         low, high = np.full(boxes.shape[2], np.inf), np.full(boxes.shape[2], -np.inf)
         for number in _farthest_first(boxes):
             part = boxes[number]
-            # A box inside the hull of others cannot widen it.
-            if np.all(low <= part[LOW]) and np.all(part[HIGH] <= high):
+            if options.hull_only and np.all(low <= part[LOW]) and np.all(part[HIGH] <= high):
                 continue
             if stopped():
                 return Examined(rest=[boxes[possible]])
@@ -206,7 +205,7 @@ def _narrow_by_programs(
             return Examined()
         nothing_left_out = len(left) == len(boxes) >= FRUITLESS
         fruitless = nothing_left_out and np.array_equal(_hull(left, box), box)
-        if fruitless or 2 * len(left) > max_boxes:
+        if fruitless or 2 * len(left) > options.max_programs:
             return Examined(kept=[left])
         return Examined(parts=[_halves(left, levers_m)])
 

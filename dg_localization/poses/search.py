@@ -49,6 +49,9 @@ class PairOptions:
     max_programs : int
         Most boxes of joint poses of robots in the plane that linear programs narrow, if no outlier
         is tolerated.
+    hull_only : bool
+        Whether linear programs pass over boxes inside the hull of others, which cannot widen it.
+        The hull is as narrow, but fewer impossible hypotheses are ruled out.
 
     """
 
@@ -56,6 +59,7 @@ class PairOptions:
     resolution_m: float = 0.25
     max_boxes: int = 2000
     max_programs: int = 0
+    hull_only: bool = False
 
 
 class PosesFound(NamedTuple):

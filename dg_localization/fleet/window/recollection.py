@@ -184,8 +184,6 @@ class Recollection:
             return found if isinstance(found, Placement) else self._over(found)
 
         coarse = PairOptions(config.window_outliers, JOINT_RESOLUTION_M, COARSE_BOXES)
-        boxes = MOST_BOXES if config.window_outliers else COARSE_BOXES
-        fine = replace(coarse, max_boxes=boxes, max_programs=PROGRAM_BOXES)
         left = _carried_on(placements, frame, self.chains[chain])
         sentences = left.ruled_out
         best, others = parted(left.placements, MOST_REFINED)
@@ -193,6 +191,10 @@ class Recollection:
             left = sifted(left.placements, partial(narrow, coarse))
             sentences += left.ruled_out
             best, others = parted(left.placements, MOST_REFINED)
+        boxes = MOST_BOXES if config.window_outliers else COARSE_BOXES
+        fine = replace(coarse, max_boxes=boxes, max_programs=PROGRAM_BOXES)
+        # Of several placements, some are mirror images to be ruled out.
+        fine = replace(fine, hull_only=len(best) == 1)
         refined = sifted(best, partial(narrow, fine))
         return Remaining((*refined.placements, *others), sentences + refined.ruled_out)
 
