@@ -38,17 +38,14 @@ from dg_localization.solver.problem import Problem
 
 @kernel
 def contract_linear(
-    box: FloatArray,
-    positions: FloatArray,
-    edges: IntArray,
-    errors: FloatArray,
-    explained: FloatArray,
+    box: FloatArray, positions: FloatArray, edges: IntArray, explained: FloatArray
 ) -> bool:
     """
     Narrow all pairs of a box by linear combinations of the measured ones, in place.
 
-    Nothing is narrowed if the measurements do not make the points rigid. Returns False if the box
-    is proved to hold no placement.
+    The widths that errors explain are those of what the box leaves of the measured pairs: others
+    may tell a pair far better than its own measurement. Nothing is narrowed if the measurements do
+    not make the points rigid. Returns False if the box is proved to hold no placement.
     """
     n_points, dimension = positions.shape
     frame = np.full(dimension + 1, -1)
@@ -67,7 +64,7 @@ def contract_linear(
     relative = np.empty((len(edges), 2, dimension))
     if not narrow_displacements(box, linear, relative):
         return False
-    return bool(_narrow_all_pairs(box, linear, inverse, errors, explained))
+    return bool(_narrow_all_pairs(box, linear, inverse, widths, explained))
 
 
 @kernel
@@ -75,7 +72,7 @@ def _narrow_all_pairs(
     box: FloatArray,
     linear: Linearization,
     inverse: FloatArray,
-    errors: FloatArray,
+    widths: FloatArray,
     explained: FloatArray,
 ) -> bool:
     """Narrow every pair by the combination that estimates it; return False if one is empty."""
@@ -97,7 +94,7 @@ def _narrow_all_pairs(
             set_multipliers(linear, inverse, i, j, target, multipliers)
             width = 0.0
             for m in range(n_edges):
-                width += abs(multipliers[m]) * errors[m]
+                width += abs(multipliers[m]) * widths[m]
             explained[i, j] = explained[j, i] = width
             if edge_of[i, j] >= 0 and not leave_out(multipliers, edge_of[i, j]):
                 continue
@@ -141,9 +138,7 @@ REFERENCE_STEPS = 3
 """Least-squares steps towards the reference placement, which need not meet any bound."""
 
 
-def combine(
-    box: FloatArray, dimension: int, edges: IntArray, errors: FloatArray, explained: FloatArray
-) -> bool:
+def combine(box: FloatArray, dimension: int, edges: IntArray, explained: FloatArray) -> bool:
     """
     Narrow connected points by linear combinations of measured pairs.
 
@@ -152,4 +147,4 @@ def combine(
     """
     # Any placement serves as a reference.
     positions = place(box, dimension, REFERENCE_STEPS)
-    return bool(contract_linear(box, positions, edges, errors, explained))
+    return bool(contract_linear(box, positions, edges, explained))
