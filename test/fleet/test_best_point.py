@@ -223,14 +223,14 @@ def test_what_is_left_out_of_the_past_still_counts_for_the_moment(b_saw_a):
 
 
 NAMES = [
-    *('moment', 'memory', 'memory-all-bias', 'memory-exact', 'ranges-drift', 'ranges-coarse'),
+    *('moment', 'memory-all-bias', 'memory-exact', 'ranges-drift', 'ranges-coarse'),
     *('latency', 'silence', 'straight'),
 ]
 
 
 @pytest.mark.parametrize('name', NAMES)
 def test_best_points_are_as_far_off_as_their_covariances_say(name):
-    row = Row.of(CASES[name], seeds=20, count=8)
+    row = Row.of(CASES[name], seeds=15, count=8)
     assert (row.beyond <= 0.02).all()
     # A normal distribution has 0.79; bounds leave open how errors are distributed within them.
     assert 0.3 <= row.median_nees <= (1.4 if name == 'straight' else 1.3)

@@ -72,7 +72,7 @@ def test_no_truth_of_a_moment_is_lost(dimension, seed):
             check_form(placement)
 
 
-@pytest.mark.parametrize('seed', range(4))
+@pytest.mark.parametrize('seed', range(3))
 @pytest.mark.parametrize(('robots', 'anchors', 'mounted'), [(3, 0, 0), (3, 3, 0), (2, 3, 2)])
 def test_after_a_broken_bound_the_window_recovers(seed, robots, anchors, mounted):
     memory_s, kicked_s = 4.0, 5.0

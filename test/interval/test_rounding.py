@@ -8,7 +8,7 @@ import math
 import re
 import struct
 
-from hypothesis import assume, example, given, settings, strategies as st
+from hypothesis import assume, example, given, strategies as st
 import numpy as np
 import pytest
 
@@ -17,7 +17,6 @@ from dg_localization.interval.rounding import sqrt_down, sqrt_up
 
 ANY = st.floats(allow_nan=False, allow_infinity=False)
 MODERATE = st.floats(-1e150, 1e150)
-LAWS = settings(max_examples=500)
 
 
 def ulps_between(x, y):
@@ -26,7 +25,6 @@ def ulps_between(x, y):
     return abs(Fraction(x) - Fraction(y)) / Fraction(unit)
 
 
-@LAWS
 @given(ANY)
 @example(0.0)
 @example(5e-324)
@@ -55,7 +53,6 @@ def test_infinities_are_missing_bounds_and_overflow_is_a_bound_on_the_near_side(
     assert bounds.quotient_down(1.0, 0.0) == 0.0
 
 
-@LAWS
 @given(st.lists(MODERATE, min_size=1, max_size=5))
 @example([1.0, 2.0**-60, -1.0])
 @example([0.1])
@@ -65,7 +62,6 @@ def test_sums_hold_the_exact_one(terms):
     assert len(terms) > 1 or low == high
 
 
-@LAWS
 @given(MODERATE, MODERATE)
 @example(0.0, math.inf)
 @example(-math.inf, 0.0)
@@ -81,7 +77,6 @@ def test_products_and_quotients_hold_the_exact_one(x, y):
         assert 0.0 <= low <= Fraction(x) / Fraction(y) <= high and ulps_between(low, high) <= 8
 
 
-@LAWS
 @given(st.floats(0.0, 1e154))
 @example(1e-170)
 @example(5e-324)
@@ -94,7 +89,6 @@ def test_squares_and_roots(x):
     assert rounding.sqrt_up(-x) == rounding.sqrt_down(-x) == 0.0 or x == 0.0
 
 
-@LAWS
 @given(st.floats(allow_nan=False))
 @example(math.inf)
 def test_kernels_arrays_and_plain_functions_round_alike(x):
@@ -105,7 +99,6 @@ def test_kernels_arrays_and_plain_functions_round_alike(x):
         assert rounding.down(x) == rounding.step_down(x) == arrays.down(x)
 
 
-@LAWS
 @given(st.floats(0.0, 1e150), st.floats(0.0, 1e150))
 def test_squared_distances(lower_m, width_m):
     upper_m = lower_m + width_m
@@ -121,7 +114,6 @@ def test_no_distance_is_negative(lower_m):
     assert bounds.squared_distance(-3.0, math.inf) == (0.0, math.inf)
 
 
-@LAWS
 @given(st.integers(0, 2**61), st.integers(0, 10**11))
 @example(1_700_000_000_123_456_789, 0)
 @example(1_700_000_000_123_456_789, 50_000_000)
@@ -137,7 +129,6 @@ def test_elapsed_time_of_stamps_in_nanoseconds(stamp_ns, passed_ns):
         assert elapsed_s <= bound_s <= elapsed_s + 8 * Fraction(math.ulp(second_s))
 
 
-@LAWS
 @given(st.lists(st.floats(-1e3, 1e3), min_size=4, max_size=4))
 def test_rounding_error_bounds_a_sum_of_products(numbers):
     a, b, c, d = numbers

@@ -24,7 +24,7 @@ from msg_adapters import Diagnostics, adapter_for
 from msg_adapters.diagnostics import diagnostics_to_cdr
 
 # The long run: DG_FUZZ_INPUTS=10000000 make test PYTEST_ARGS=test/ros/test_fuzz.py
-INPUTS = int(os.environ.get('DG_FUZZ_INPUTS', '80000'))
+INPUTS = int(os.environ.get('DG_FUZZ_INPUTS', '48000'))
 INPUTS_PER_FLEET = 500
 TESTS = 8
 FLEETS_PER_TEST = max(1, INPUTS // INPUTS_PER_FLEET // TESTS // 2)

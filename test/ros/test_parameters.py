@@ -333,7 +333,7 @@ def test_sensors_on_robots_and_elevations_reach_the_fleet():
         settings(**{**given, 'links': ['/own sensor_msgs/msg/Range a/camera a max_error=0.7']})
 
 
-INPUTS = int(os.environ.get('DG_FUZZ_PARAMETERS', '20000'))
+INPUTS = int(os.environ.get('DG_FUZZ_PARAMETERS', '10000'))
 NOTHING = {'mounts.names': [], 'elevations.names': []}
 USUAL = {
     **ROBOTS,

@@ -25,7 +25,7 @@ from dg_localization.solver.assemble.answer import solve_in_pieces
 from dg_localization.solver.decompose.decomposition import Decomposition
 from dg_localization.solver.search.budget import Budget
 
-PROBLEMS = int(os.environ.get('DG_PROPERTY_PROBLEMS', '3000'))
+PROBLEMS = int(os.environ.get('DG_PROPERTY_PROBLEMS', '2000'))
 COUNTS = [0, 0, 0, 1, 3]
 """How many sides, and how many chiralities, are known."""
 FIRST_SEED = int(os.environ.get('DG_PROPERTY_SEED', '0'))

@@ -3,12 +3,11 @@
 
 """The ranges of a box with their gaps, as sets of numbers."""
 
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 
 from dg_localization.solver.box import GAP_LOWER, GAP_UPPER, LOWER, UPPER, cut_at, exclude, narrow
 
-LAWS = settings(max_examples=1000)
 PROBES = np.arange(0.0, 12.25, 0.25)
 ENDS = st.integers(0, 12).map(float)
 SORTED = st.tuples(ENDS, ENDS).map(sorted)
@@ -41,7 +40,6 @@ def check(box, wanted, left):
     assert not lost.any()
 
 
-@LAWS
 @given(boxes(), SORTED)
 def test_narrow_is_the_intersection(box, interval):
     wanted = members(box) & (interval[0] <= PROBES) & (PROBES <= interval[1])
@@ -51,7 +49,6 @@ def test_narrow_is_the_intersection(box, interval):
         assert np.array_equal(members(box), wanted)
 
 
-@LAWS
 @given(boxes(), SORTED)
 def test_exclude_loses_nothing_but_the_gap(box, gap):
     range_before = box[LOWER, 0, 1], box[UPPER, 0, 1]
@@ -60,7 +57,6 @@ def test_exclude_loses_nothing_but_the_gap(box, gap):
     assert range_before[0] <= box[LOWER, 0, 1] and box[UPPER, 0, 1] <= range_before[1]
 
 
-@LAWS
 @given(boxes(), SORTED)
 def test_the_parts_of_a_cut_box_lose_nothing_but_what_is_between_them(box, ends):
     low_end, high_start = ends
