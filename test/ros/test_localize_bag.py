@@ -287,8 +287,7 @@ def test_no_limit_depends_on_a_clock_of_the_machine():
     assert fleet.solver.max_boxes == 2000 and fleet.max_conflict_solves == 200
 
 
-@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_leaves_a_readable_bag(tmp_path, recorder, number):
+def test_a_signal_leaves_a_readable_bag(tmp_path, recorder):
     recorder.write_triangle(range(4_000))
     output = tmp_path / 'out'
     paths = recorder.close(), '-o', output, '--params', write_parameters(tmp_path)
@@ -296,7 +295,7 @@ def test_a_signal_leaves_a_readable_bag(tmp_path, recorder, number):
     (storage,) = wait_for(lambda: list(output.glob('*.mcap')))
     # Messages are written a megabyte at a time.
     wait_for(lambda: storage.stat().st_size > 100_000)
-    process.send_signal(number)
+    process.send_signal(signal.SIGTERM)
     told, errors = process.communicate(timeout=60)
     assert process.returncode == 130, errors
     assert 'Traceback' not in errors and 'interrupted' in told

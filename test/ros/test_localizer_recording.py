@@ -43,7 +43,7 @@ def frames_of(arrays):
 def test_frames_on_a_busy_machine_are_those_of_the_bag(bench, start_localizer, tmp_path):
     output = tmp_path / 'answers'
     simulated = {'odometry': True, 'speed': 0.3, 'path': SIMULATION['path'].default}
-    bag = record_simulation(tmp_path / 'bag', 12.0, one_after_the_other, **simulated)
+    bag = record_simulation(tmp_path / 'bag', 10.0, one_after_the_other, **simulated)
     given = {
         'robots': [f'robot_{i}' for i in range(1, 7)],
         'max_speed': 0.35,
@@ -51,18 +51,18 @@ def test_frames_on_a_busy_machine_are_those_of_the_bag(bench, start_localizer, t
         'bearing': {'half_width': 0.03},
     }
     params = write_parameters(tmp_path, **given)
+    process = start_localizer('--params-file', str(params), '-p', 'use_sim_time:=true')
     assert localize_bag([str(bag), '-o', str(output), '--params', str(params)]) == 0
     offline = frames_of(read(output, '/localizer/feasible_poses')[1])
     assert offline == ['robot_1/base_link', 'robot_1/odom']
+    bench.clear()
+    bench.until_status('fleet', Level.WARN, 'nothing has arrived on /clock')
+    bench.clear()
     with ExitStack() as stack:
         for _ in range(BUSY):
-            process = subprocess.Popen([sys.executable, '-c', 'while True: pass'])
-            stack.enter_context(process)
-            stack.callback(process.kill)
-        process = start_localizer('--params-file', str(params), '-p', 'use_sim_time:=true')
-        bench.clear()
-        bench.until_status('fleet', Level.WARN, 'nothing has arrived on /clock', deadline_s=120.0)
-        bench.clear()
+            busy = subprocess.Popen([sys.executable, '-c', 'while True: pass'])
+            stack.enter_context(busy)
+            stack.callback(busy.kill)
         replay = start('replay', bag, stderr=subprocess.DEVNULL)
         bench.until(lambda: replay.poll() is not None, 'the end of the replay', deadline_s=120.0)
         states = dict(bench.heard.statuses)
