@@ -188,16 +188,16 @@ def _narrow_by_programs(
     def examine(boxes: np.ndarray) -> Examined[np.ndarray]:
         nonlocal guilty
         possible = np.ones(len(boxes), dtype=np.bool_)
-        low, high = np.full(boxes.shape[2], np.inf), np.full(boxes.shape[2], -np.inf)
+        reach = _outward(boxes)
+        hull = np.full_like(reach[0], -np.inf)
         for number in _farthest_first(boxes):
-            part = boxes[number]
-            if options.hull_only and np.all(low <= part[LOW]) and np.all(part[HIGH] <= high):
+            if options.hull_only and (reach[number] <= hull).all():
                 continue
             if stopped():
                 return Examined(rest=[boxes[possible]])
-            ruled_out_by = narrow_box(part, table, PASSES)
+            ruled_out_by = narrow_box(boxes[number], table, PASSES)
             if ruled_out_by == POSSIBLE:
-                low, high = np.minimum(low, part[LOW]), np.maximum(high, part[HIGH])
+                hull = np.maximum(hull, _outward(boxes[number]))
             else:
                 possible[number], guilty = False, ruled_out_by
         left = boxes[possible]
@@ -224,6 +224,11 @@ def _levers_m(table: np.ndarray, n_bodies: int) -> np.ndarray:
             body = int(own[0, column])
             levers_m[body] = max(levers_m[body], np.median(own[:, radius]))
     return levers_m
+
+
+def _outward(boxes: np.ndarray) -> np.ndarray:
+    """Return all bounds of boxes (..., 2, n), of which the greater ones reach farther."""
+    return np.concatenate([-boxes[..., LOW, :], boxes[..., HIGH, :]], axis=-1)
 
 
 def _farthest_first(boxes: np.ndarray) -> np.ndarray:
