@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
+from itertools import starmap
 from types import MappingProxyType
 from typing import Any
 
@@ -38,6 +39,7 @@ from dg_localization.fleet.sensors import (
     Mount,
     RangeErrorModel,
     SensorBounds,
+    are_narrower,
     checked_anchors,
     checked_elevations,
     checked_mounts,
@@ -269,6 +271,20 @@ class FleetConfig:
         keep(self, robot_max_speed_m_s=MappingProxyType(speeds_m_s))
         require_one_of('outlier_unit', self.outlier_unit, [str(kind) for kind in SuspectKind])
         keep(self, outlier_unit=SuspectKind(self.outlier_unit))
+
+    def is_within(self, other: FleetConfig) -> bool:
+        """Return whether what was measured with the settings `other` holds with these, too."""
+        errors = [(self.odometry_error_of(r), other.odometry_error_of(r)) for r in self.robots]
+        return (
+            (self.memory_s > 0.0) == (other.memory_s > 0.0)
+            and self.sensor_bounds.are_within(other.sensor_bounds)
+            and all(starmap(are_narrower, [(self, other), *errors]))
+            and all(self.speed_m_s(robot) <= other.speed_m_s(robot) for robot in self.robots)
+            and all(
+                (new.translation_scale, new.tilt_rad) == (old.translation_scale, old.tilt_rad)
+                for new, old in errors
+            )
+        )
 
     @cached_property
     def sensor_bounds(self) -> SensorBounds:

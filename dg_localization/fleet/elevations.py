@@ -50,7 +50,7 @@ class Elevations:
     """
 
     def __init__(self, config: FleetConfig) -> None:
-        self._config = config
+        self.config = config
         self._readings: dict[str, list[_Reading]] = {}
 
     def add(
@@ -80,12 +80,12 @@ class Elevations:
             readings.clear()
             return known_m
         insort(readings, _Reading(stamp_s, lower_m, upper_m))
-        del readings[: -self._config.max_repeats]
+        del readings[: -self.config.max_repeats]
         return None
 
     def at_m(self, point: str, stamp_s: float, now_s: float) -> Bounds:
         """Return bounds of the elevation of a point at a time, by readings young at `now_s`."""
-        config, stated_m = self._config, self._config.elevation_m(point)
+        config, stated_m = self.config, self.config.elevation_m(point)
         lower_m, upper_m = stated_m
         speed_m_s = config.speed_m_s(config.robot_of(point))
         for reading in self._readings.get(config.elevated(point), ()):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import fields, replace
 import math
+from operator import attrgetter
 from threading import Lock
 
 from dg_localization.fleet.admission import MOST_BEFORE_S
@@ -27,14 +28,22 @@ from dg_localization.solver.options import Cancel
 LIMITS = frozenset(
     {
         *('max_age_s', 'max_future_s', 'max_repeats', 'max_hypotheses', 'max_outliers'),
-        *('outlier_unit', 'solver', 'memory_max_seconds'),
-        *('max_conflict_solves', 'max_conflict_seconds'),
+        *('outlier_unit', 'solver', 'memory_s', 'memory_max_seconds'),
+        *('max_conflict_solves', 'max_conflict_seconds', 'stuck_readings', 'drop_stuck'),
     }
 )
 """Settings that limit the work and the answer, and do not change any reading."""
 
 BOUNDS = frozenset(field.name for field in fields(SensorBounds))
 """Settings that hold for readings added after them; earlier readings keep their own bounds."""
+
+MOTION = (
+    *('max_speed_m_s', 'robot_max_speed_m_s', 'max_turn_rate_rad_s', 'min_separation_m'),
+    *('odometry_error', 'robot_odometry_error', 'stamp_error_s'),
+)
+"""Settings whose former values hold until no reading from before the change is used any more."""
+
+motion_of = attrgetter(*MOTION)
 
 
 class Localizer(MeasurementIntake):
@@ -64,6 +73,7 @@ class Localizer(MeasurementIntake):
     def __init__(self, config: FleetConfig) -> None:
         require_kind('config', config, FleetConfig)
         super().__init__(config)
+        self._stated, self._stated_s = config, -math.inf
         self._bodies = anchor_geometry(config), mount_geometry(config)
         self._lock = Lock()
         self._follower = Follower()
@@ -77,16 +87,17 @@ class Localizer(MeasurementIntake):
     @property
     def config(self) -> FleetConfig:
         """The settings."""
-        return self._config
+        return self._stated
 
     @default_environment()
     def configure(self, config: FleetConfig) -> bool:
         """
         Change the settings.
 
-        Measurements are kept if only limits differ, and bounds of sensors that become narrower:
-        the wider bounds of earlier readings still hold. They are forgotten otherwise, since
-        readings depend on the other settings.
+        Measurements are kept if only limits differ, and bounds that become narrower: the wider
+        bounds of earlier readings still hold. Narrower bounds of odometry, speeds and stamps count
+        once no reading from before the change is used any more. Measurements are forgotten
+        otherwise, since they depend on the other settings.
 
         Parameters
         ----------
@@ -102,16 +113,19 @@ class Localizer(MeasurementIntake):
         require_kind('config', config, FleetConfig)
         names = (each.name for each in fields(FleetConfig))
         changed = {name for name in names if getattr(self._config, name) != getattr(config, name)}
-        narrower = config.sensor_bounds.are_within(self._config.sensor_bounds)
-        self._set_limits(config)
-        if narrower and changed <= LIMITS | BOUNDS:
+        if motion_of(config) != motion_of(self._stated):
+            self._stated_s = math.inf
+        self._stated = config
+        if changed <= LIMITS.union(BOUNDS, MOTION) and config.is_within(self._config):
+            former = dict(zip(MOTION, motion_of(self._config), strict=True))
+            self._adopt(replace(config, **former))
             return True
         self.reset()
         return False
 
     def reset(self) -> None:
         """Forget all measurements and counts."""
-        self._forget_all(self._config)
+        self._forget_all(self._stated)
         with self._lock:
             follower = self._follower.started_anew()
             self._newest = self._follower = follower
@@ -169,6 +183,8 @@ class Localizer(MeasurementIntake):
         now = finite_number(now_s)
         if now is None:
             raise ValueError(f'now_s: {now_s!r} is not allowed, it must be a finite number')
+        if self._config != self._stated:
+            self._adopt_if_due(now)
         follower = self._follower
         self._snapshots += 1
         taken = take_snapshot(self, self._bodies, now, follower.forgotten, follower.left_out)
@@ -218,6 +234,16 @@ class Localizer(MeasurementIntake):
             if self._newest is follower:
                 self._follower = follower
         return estimate
+
+    def _adopt_if_due(self, now_s: float) -> None:
+        """Adopt the stated bounds of motion if all readings are from after their change."""
+        self._stated_s = min(self._stated_s, now_s)
+        config = self.config_for_clocks()
+        late_s = max(config.odometry_error_of(robot).latency_s for robot in config.robots)
+        oldest_s = [track.readings[0].stamp_s for track in self._tracks.values()]
+        oldest_s.append(now_s - max(config.max_age_s, config.memory_s))
+        if min(oldest_s) > self._stated_s + late_s:
+            self._adopt(self._stated)
 
     def _begun(self, snapshot: Snapshot) -> Follower:
         """Return a copy of the follower for the estimate of a snapshot."""

@@ -116,18 +116,21 @@ class MeasurementStore:
 
     def _forget_all(self, config: FleetConfig) -> None:
         """Start without measurements."""
-        self._set_limits(config)
         self._inputs: defaultdict[LinkKey, _Input] = defaultdict(_Input)
         self._tracks: dict[str, OdometryTrack] = {}
         self._stuck = StuckWatch(config)
         self._frozen = FrozenWatch()
         self._elevations = Elevations(config)
         self.memory = Memory(config)
+        self._adopt(config)
 
-    def _set_limits(self, config: FleetConfig) -> None:
+    def _adopt(self, config: FleetConfig) -> None:
         """Adopt settings that change no stored reading."""
-        self._config = self._clock_config = config
+        self._config = self._clock_config = self._stuck.config = self._elevations.config = config
         self._admission = Admission(config)
+        self.memory.adopt(config)
+        for track in self._tracks.values():
+            track.adopt(config)
 
     def _take(
         self,

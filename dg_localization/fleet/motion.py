@@ -53,16 +53,21 @@ class OdometryTrack:
     """
 
     def __init__(self, config: FleetConfig, robot: str) -> None:
-        self._max_speed_m_s = config.speed_m_s(robot)
-        self._max_turn_rate_rad_s = config.max_turn_rate_rad_s
-        self._error = config.odometry_error_of(robot)
-        self._keep_s = max(config.max_age_s, config.memory_s) + config.max_future_s
+        self._robot = robot
+        self.adopt(config)
         # A body that pitches turns by more than its heading.
         self._in_plane = config.dimension == 2
         self._readings: list[OdometrySample] = []
         self._restarted_s = 0.0
         self._restart = ''
         self.answered_s = math.inf
+
+    def adopt(self, config: FleetConfig) -> None:
+        """Adopt settings for the readings that are added from now on."""
+        self._max_speed_m_s = config.speed_m_s(self._robot)
+        self._max_turn_rate_rad_s = config.max_turn_rate_rad_s
+        self._error = config.odometry_error_of(self._robot)
+        self._keep_s = max(config.max_age_s, config.memory_s) + config.max_future_s
 
     @property
     def restart(self) -> str:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from itertools import starmap
 import math
 from types import MappingProxyType
 from typing import Any, ClassVar
@@ -208,13 +209,16 @@ class SensorBounds:
         both = [(self, other), *zip(vars(self).values(), vars(other).values(), strict=True)]
         # Bounds that cross are swapped, which widens them.
         crossed = self.range_error.min_error_relative > self.range_error.max_error_relative
-        narrower = all(
-            sign * getattr(new, name) >= sign * getattr(old, name)
-            for new, old in both
-            for name, sign in NARROWER.items()
-            if hasattr(new, name)
-        )
-        return self == other or (narrower and not crossed)
+        return self == other or (all(starmap(are_narrower, both)) and not crossed)
+
+
+def are_narrower(new: object, old: object) -> bool:
+    """Return whether no bound of some settings is wider than that of others."""
+    return all(
+        sign * getattr(new, name) >= sign * getattr(old, name)
+        for name, sign in NARROWER.items()
+        if hasattr(new, name)
+    )
 
 
 NARROWER = {
@@ -227,6 +231,18 @@ NARROWER = {
     'beyond_max_is_far': 1,
     'sigma_factor': -1,
     'bearing_half_width_rad': -1,
+    'translation_per_m': -1,
+    'translation_per_rad': -1,
+    'rotation_per_m': -1,
+    'rotation_per_rad': -1,
+    'constant_m': -1,
+    'constant_rad': -1,
+    'latency_s': -1,
+    'max_gap_s': 1,
+    'restart_gap_s': 1,
+    'max_turn_rate_rad_s': -1,
+    'stamp_error_s': -1,
+    'min_separation_m': 1,
 }
 """Whether bounds are narrower where a value is greater (1) or smaller (-1)."""
 

@@ -56,6 +56,15 @@ class Drive:
             (axes @ place + leap_m, axes @ rotation) for place, rotation in self.stated[sample:]
         ]
 
+    def follow(self, other, sample):
+        """Go on from where another drive is at a sample, after that drive."""
+        (place, yaw, *_), (stated, rotation) = other.true[sample], other.stated[sample]
+        self.start(place, yaw)
+        axes = rotation @ self.stated[0][1].T
+        self.start_anew(0, stated - axes @ self.stated[0][0], axes)
+        self.true = other.true[:sample] + self.true
+        self.stated = other.stated[:sample] + self.stated
+
     def kick(self, sample, step_m):
         """Move the robot at a sample, unnoticed by its odometry."""
         self.true[sample:] = [(place + step_m, *angles) for place, *angles in self.true[sample:]]

@@ -10,6 +10,7 @@ import math
 import os
 from threading import Event
 
+from drives import SAMPLE_S
 from habits import draw_habits, has_resets
 from histories import (
     SECONDS,
@@ -208,7 +209,9 @@ def test_the_truth_is_put_in_every_kind_of_frame(dimension):
     assert seen >= set(FrameKind) - ({FrameKind.HEADING} if dimension == 3 else set())
 
 
-TICKS_S = np.arange(1.0, 6.0, 0.5)
+TICKS_S, CHANGED_S = np.arange(1.0, 6.0, 0.5), 3.0
+POOR = OdometryErrorModel(translation_per_m=0.2, rotation_per_rad=0.2, max_gap_s=0.15)
+GOOD = OdometryErrorModel(translation_per_m=0.01, rotation_per_rad=0.01, max_gap_s=0.15)
 ALL_ENDS = frozenset(combinations(('r0', 'r1', 'a0', 'a1', 'a2'), 2))
 real = localizer_room.estimate_snapshot
 
@@ -246,23 +249,42 @@ def estimate_by(localizer, snapshot, monkeypatch, how):
 
 @pytest.mark.parametrize('seed', range(6))
 def test_bounds_that_become_narrower_keep_what_was_measured(seed):
-    history = History.draw([seed, 51], 3, 3 * (seed % 2), 6.0, cameras=True, memory_s=30.0)
-    narrow = history.config
+    """Robots are slow, and their odometry good, from the change on; before it neither holds."""
+    kind = {'cameras': True, 'odometry_error': GOOD, 'robot_odometry_error': {}}
+    count = 3 * (seed % 2)
+    history = History.draw([seed, 51], 3, count, 12.0, error=GOOD, pace=0.2, **kind)
+    fast = History.draw([seed, 52], 3, count, 12.0, error=POOR)
+    for drive, before in zip(history.drives, fast.drives, strict=True):
+        drive.follow(before, round(CHANGED_S / SAMPLE_S))
+    narrow = replace(history.config, memory_s=3.0, max_speed_m_s=0.35)
     wider = replace(narrow.range_error, min_error_m=-0.1, max_error_m=0.3)
-    history.config = wide = replace(narrow, range_error=wider, bearing_half_width_rad=0.2)
+    wide = replace(
+        narrow,
+        memory_s=2.0,
+        range_error=wider,
+        bearing_half_width_rad=0.2,
+        odometry_error=POOR,
+        max_speed_m_s=1.0,
+    )
 
     def between(localizer, time_s):
-        history.config = wide if time_s < 3.0 else narrow
+        history.config = wide if time_s <= CHANGED_S else narrow
         assert localizer.configure(history.config)
         return localizer
 
     localizer = Localizer(wide)
-    for time_s, estimate in history.play(localizer, TICKS_S, between):
+    for time_s, estimate in history.play(localizer, np.arange(0.5, 12.0, 0.7), between):
         assert truth_is_inside(history, time_s, estimate) and not estimate.forgotten, time_s
-    remembered = localizer.snapshot(history.start_s + time_s).window.observations.values()
-    assert any(seen[0].stamp_s < history.start_s + 3.0 for seen in remembered)
+        snapshot = localizer.snapshot(history.start_s + time_s)
+        remembered = [seen[0].stamp_s for seen in snapshot.window.observations.values()]
+        if CHANGED_S < time_s < 2.0 * CHANGED_S:
+            assert snapshot.config.max_speed_m_s == 1.0
+            assert min(remembered) < history.start_s + CHANGED_S
+    assert snapshot.config == narrow
     crossed = replace(narrow.range_error, min_error_relative=0.1)
-    for other in (replace(narrow, range_error=crossed), wide):
+    scaled = replace(GOOD, translation_scale=1.1)
+    changes = {'range_error': crossed}, {'odometry_error': scaled}, {'memory_s': 0.0}
+    for other in (*(replace(narrow, **change) for change in changes), wide):
         assert not localizer.configure(other)
 
 

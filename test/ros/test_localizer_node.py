@@ -263,8 +263,11 @@ def test_bounds_and_rates_that_are_set_take_effect_at_once(bench, make_node):
     assert lower_m < 2.5
     assert node.set_parameters([Parameter('max_outliers', value=1)])[0].successful
     assert node._localizer.config.max_outliers == 1
-    for max_error_m, is_kept in ((0.4, True), (0.6, False)):
-        assert node.set_parameters([Parameter('range.max_error', value=max_error_m)])[0].successful
+    narrower = {'range.max_error': 0.4, 'memory.seconds': 9.0, 'odometry.translation_per_m': 0.0}
+    wider = {'odometry.translation_per_m': 0.2}
+    for values, is_kept in ((narrower, True), (wider, False)):
+        changes = [Parameter(name, value=value) for name, value in values.items()]
+        assert all(result.successful for result in node.set_parameters(changes))
         assert bool(node._localizer.snapshot(bench.now_s()).links) == is_kept
 
 

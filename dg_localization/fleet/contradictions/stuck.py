@@ -57,7 +57,7 @@ class StuckWatch:
     """
 
     def __init__(self, config: FleetConfig) -> None:
-        self._config = config
+        self.config = config
         self._repetitions: dict[LinkKey, _Repetition] = {}
         self._movable: dict[LinkKey, tuple[str, ...]] = {}
 
@@ -65,8 +65,8 @@ class StuckWatch:
         """Return the robots at the ends of a link that can move."""
         # This is called for every reading.
         if key not in self._movable:
-            robots = dict.fromkeys(self._config.robot_of(point) for point in key.ends)
-            self._movable[key] = tuple(r for r in robots if self._config.speed_m_s(r) > 0.0)
+            robots = dict.fromkeys(self.config.robot_of(point) for point in key.ends)
+            self._movable[key] = tuple(r for r in robots if self.config.speed_m_s(r) > 0.0)
         return self._movable[key]
 
     def add(self, key: LinkKey, value: tuple[float, ...], stamp_s: float, newest: Poses) -> None:
@@ -93,7 +93,7 @@ class StuckWatch:
 
     def sentence(self, key: LinkKey) -> str:
         """Return a sentence that the readings of a link are stuck; empty if they are not."""
-        least = self._config.stuck_readings
+        least = self.config.stuck_readings
         found = self._repetitions.get(key)
         if found is None or not 0 < least <= found.times or not found.motion:
             return ''
@@ -115,7 +115,7 @@ class StuckWatch:
                 way_m = float(np.linalg.norm(now[robot].position_m - before[robot].position_m))
                 if way_m >= LEAST_WAY_M:
                     return f'while {robot} moved by {way_m:.1f} m'
-                if key.kind is LinkKind.BEARING and robot == self._config.robot_of(key.observer):
+                if key.kind is LinkKind.BEARING and robot == self.config.robot_of(key.observer):
                     turn_rad = rotation_angle_rad(before[robot].rotation.T @ now[robot].rotation)
                     if turn_rad >= LEAST_TURN_RAD:
                         return f'while {robot} turned by {turn_rad:.1f} rad'

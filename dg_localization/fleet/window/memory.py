@@ -144,12 +144,21 @@ class Memory:
     """
 
     def __init__(self, config: FleetConfig) -> None:
-        self._memory_s = config.memory_s
-        self._max_future_s = config.max_future_s
-        self._slot_s = config.memory_s / MOST_OBSERVATIONS
         # The observations of the points of a link by their time slot, oldest first.
         self._observations: dict[tuple[str, ...], dict[int, Observation]] = {}
-        self._newest_s = -math.inf
+        self._newest_s = self._viewed_s = -math.inf
+        self._memory_s = 0.0
+        self.adopt(config)
+
+    def adopt(self, config: FleetConfig) -> None:
+        """Adopt settings; observations that were too old for an answer stay forgotten."""
+        oldest_s = self._viewed_s - self._memory_s
+        self._memory_s, self._max_future_s = config.memory_s, config.max_future_s
+        self._slot_s = config.memory_s / MOST_OBSERVATIONS
+        for points, kept in self._observations.items():
+            young = [one for one in kept.values() if one.stamp_s > oldest_s]
+            by_slot = {math.floor(one.stamp_s / self._slot_s): one for one in young}
+            self._observations[points] = by_slot
 
     def add(self, reading: DistanceReading | RayReading, now_s: float) -> None:
         """Keep a reading that was accepted at `now_s`, unless its time slot is taken."""
@@ -181,6 +190,7 @@ class Memory:
         """Return the observations remembered at a time, without forgotten ones."""
         if self._memory_s <= 0.0:
             return NO_WINDOW
+        self._viewed_s = now_s
         found = {}
         for ends, kept in self._observations.items():
             seen = tuple(kept.values())
