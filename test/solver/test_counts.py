@@ -194,6 +194,17 @@ def test_the_wide_measurement_of_a_pair_that_others_tell_explains_no_width():
     assert apart_m == pytest.approx(np.array([[1.617] * 2, [2.481] * 2]), abs=2e-3)
 
 
+def test_one_side_of_a_face_is_told_by_a_piece_at_another_joint():
+    """Two tetrahedra know a wide range of points 1 and 5, and a bipyramid knows more."""
+    exact_m2 = {(0, 1): 4, (0, 3): 5, (0, 5): 2, (0, 6): 1, (1, 2): 8, (1, 3): 1, (1, 4): 1}
+    exact_m2 |= {(1, 6): 5, (2, 4): 9, (2, 5): 2, (2, 6): 5, (3, 5): 5, (4, 5): 5, (4, 6): 8}
+    exact_m2[5, 6] = 5
+    ranges = {pair: (value * (1 - 1e-5), value * (1 + 1e-5)) for pair, value in exact_m2.items()}
+    result = solve(Problem(*bounds(7, ranges | {(1, 5): (4.57, 8.7)}), 3))
+    assert len(result.pieces) == 3
+    assert result.n_hypotheses == 4 and not result.n_hypotheses_is_bound
+
+
 FLAT = ((0, 0), (4, 0), (2, 0), (1, 2), (3, 2))
 ON_ONE_EDGE = ((0, 1), (0, 2), (1, 2), (0, 3), (1, 3), (0, 4), (1, 4))
 

@@ -113,14 +113,14 @@ class Linker:
         """
         Return the apexes of the hypotheses at a face, and the hypotheses with an apex only partly.
 
-        Partly: only with some hypotheses of the other pieces at the face, which bound it too. When
-        the time is over, all remaining sides are open.
+        Partly: only with some hypotheses of other pieces that bound the face too. When the time is
+        over, all remaining sides are open.
         """
         apexes: Apexes = {}
         partly: set[tuple[int, int]] = set()
         for number in joint.pieces:
             piece = self._pieces[number]
-            others = [self._pieces[other] for other in joint.pieces if other != number]
+            others: list[SolvedPiece] = []
             face: Bounds | None = None
             for x in range(self._n(number)):
                 if self._budget.is_over():
@@ -129,6 +129,9 @@ class Linker:
                 apex = apex_of(piece, x, joint.points)
                 if apex is None:
                     if face is None:
+                        # In space a piece may tell one side of the face alone.
+                        found = (p for p in self._pieces if p is not piece)
+                        others = [p for p in found if len({*joint.points} & {*p.points}) > 1]
                         parts = [other.among(joint.points) for other in others]
                         face = bounds_within(joint.points, parts)
                     apex = apex_of(piece, x, joint.points, face)
