@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from bisect import bisect_right, insort
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 import math
@@ -52,15 +52,13 @@ from dg_localization.fleet.vocabulary import (
 )
 from dg_localization.fleet.window.memory import MOST_OBSERVATIONS, Memory
 from dg_localization.interval.bounds import sum_down, sum_up
+from dg_localization.texts import listed
 
 CLOCK_STEP_S = 0.005
 """A `stamp_error_s` that stamps refute is raised to the next multiple of this."""
 
 SILENT_S = 0.25
 """Older odometry is called silent."""
-
-LISTED = 5
-"""Most inputs that a sentence names."""
 
 _STAMP_S = attrgetter('stamp_s')
 
@@ -296,11 +294,11 @@ class MeasurementStore:
             most_s = max(self._inputs[key].ahead_s for key in ahead)
             yield (
                 f'stamps are up to {most_s:.3f} s in the future, more than stamp_error: '
-                f'{_listed(ahead)}'
+                f'{listed(ahead)}'
             )
         bent = [key for key, source in self._inputs.items() if source.out_of_plane]
         if bent:
-            yield f'targets of rays are not in the plane: {_listed(bent)}'
+            yield f'targets of rays are not in the plane: {listed(bent)}'
         for robot, track in self._tracks.items():
             if frozen := self._frozen.sentence(robot):
                 yield f'odometry of {robot} is frozen: {frozen}'
@@ -346,9 +344,3 @@ class MeasurementStore:
         self._stuck.add(key, value, stamp_s, self._newest_poses(key))
         if self._config.drop_stuck and (sentence := self._stuck.sentence(key)):
             raise RefusedError(RejectionReason.STUCK, sentence)
-
-
-def _listed(keys: Sequence[LinkKey]) -> str:
-    """Return the names of the first inputs, and the number of the others."""
-    more = f' and {len(keys) - LISTED} more' if len(keys) > LISTED else ''
-    return ', '.join(str(key) for key in keys[:LISTED]) + more

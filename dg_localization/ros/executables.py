@@ -17,7 +17,7 @@ are installed: an executable ends without a traceback from its first moment on.
 """
 
 import argparse
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
@@ -42,10 +42,6 @@ EXIT_CODES = (
 )
 # SIGHUP comes when the terminal is closed or an ssh connection is lost.
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-
-
-# Texts list the first few only; reports and topics hold everything.
-LISTED = 8
 
 
 class ExecutableError(Exception):
@@ -96,13 +92,6 @@ def stop_request() -> Iterator[StopRequest]:
     stop = StopRequest()
     with handled_by(stop.handle):
         yield stop
-
-
-def listed(texts: Iterable[object]) -> str:
-    """Return the first of some texts, and the number of the others."""
-    first = [*map(str, texts)]
-    more = len(first) - LISTED
-    return f'{", ".join(first[:LISTED])}{f" and {more} more" if more > 0 else ""}'
 
 
 def print_line(text: str) -> None:

@@ -27,7 +27,7 @@ from dg_localization.fleet import Cancel, Estimate, Localizer, Snapshot
 from dg_localization.ros.bags.bag import NS_PER_S, SILENCE_NS, Bag, BagError, in_seconds
 from dg_localization.ros.bags.reading import BagMessage, Reading
 from dg_localization.ros.bags.truth import read_truth
-from dg_localization.ros.executables import listed, writing
+from dg_localization.ros.executables import writing
 from dg_localization.ros.interface.diagnostics import Report, statuses
 from dg_localization.ros.interface.discovery import TopicFinder
 from dg_localization.ros.interface.intake import Intake
@@ -39,6 +39,7 @@ from dg_localization.ros.interface.outputs import (
 )
 from dg_localization.ros.interface.parameters.settings import Settings, declare_settings
 from dg_localization.ros.spinning import ros_arguments_checked
+from dg_localization.texts import listed
 from msg_adapters import Diagnostics, Status
 
 AFTER_LAST_NS = 10 * NS_PER_S

@@ -16,7 +16,8 @@ from io import StringIO
 from typing import Any, NamedTuple
 
 from dg_localization.ros.bags.bag import NS_PER_S, Bag, BagError, Channel, Topic
-from dg_localization.ros.executables import listed, make_progress
+from dg_localization.ros.executables import make_progress
+from dg_localization.texts import listed
 
 DISTRIBUTIONS = ('JAZZY', 'IRON', 'HUMBLE', 'GALACTIC', 'FOXY', 'ELOQUENT', 'DASHING')
 """Distributions whose definitions are tried if a bag holds no definition of a type."""

@@ -13,7 +13,6 @@ import numpy as np
 
 from dg_localization.fleet import Estimate, Group, InputState, LinkKey, LinkKind, Placement
 from dg_localization.fleet.rotations import yaw_of
-from dg_localization.ros.executables import LISTED, listed
 from dg_localization.ros.interface.intake import (
     LEAST_OFFENCES,
     NONE_MALFORMED,
@@ -23,6 +22,7 @@ from dg_localization.ros.interface.intake import (
 from dg_localization.ros.interface.links import ANY_OBSERVER, Link
 from dg_localization.ros.interface.parameters.settings import Settings
 from dg_localization.solver.result import Verdict
+from dg_localization.texts import LISTED, listed
 from msg_adapters import Level, Status
 
 # A smaller fraction of the wanted rate gives a warning.
