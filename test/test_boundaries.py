@@ -21,7 +21,7 @@ ROOMS_BELOW = {
     'optional': set(),
     'interval': {'optional'},
     'solver': {'interval'},
-    'poses': {'interval', 'solver'},
+    'poses': {'interval'},
     'fleet': {'', 'interval', 'solver', 'poses'},
     'calibration': {'fleet'},
     'simulation': set(),

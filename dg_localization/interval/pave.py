@@ -18,6 +18,9 @@ from typing import Generic, NamedTuple, TypeVar
 
 B = TypeVar('B')
 
+LEAST_GAIN = 0.05
+"""A step that shortens no interval by more than this fraction is the last of its kind."""
+
 
 class Examined(NamedTuple, Generic[B]):
     """

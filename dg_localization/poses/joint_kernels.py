@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from dg_localization.interval.kernels import kernel
+from dg_localization.interval.pave import LEAST_GAIN
 from dg_localization.interval.rounding import down, rounding_error, up
 from dg_localization.interval.simplex import LinearPrograms, find_multipliers, new_programs
 from dg_localization.poses.cuts import (
@@ -26,7 +27,6 @@ from dg_localization.poses.cuts import (
     place_ends,
 )
 from dg_localization.poses.half_spaces import CENTER, HALF, HIGH, LOW, VIEW, YAW, view_box
-from dg_localization.solver.contract.widths import LEAST_GAIN
 
 POSSIBLE = -1
 """No pair rules out a box."""

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dg_localization.interval.kernels import COMPILED, WORK_PER_LOOK, until
+from dg_localization.interval.pave import LEAST_GAIN
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, Status, sub_box
 from dg_localization.solver.contract.linear import Group, combine, groups_of
 from dg_localization.solver.contract.local_frames import contract_in_frame
@@ -31,7 +32,6 @@ from dg_localization.solver.contract.reduction import (
 from dg_localization.solver.contract.sides import Sides, chiralities_are_possible, sides_of
 from dg_localization.solver.contract.triangles import smooth, smooth_triangles
 from dg_localization.solver.contract.widths import (
-    LEAST_GAIN,
     axes_of,
     has_gap,
     is_finished,

@@ -16,6 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from dg_localization.interval.kernels import WORK_PER_LOOK, kernel, look_after
+from dg_localization.interval.pave import LEAST_GAIN
 from dg_localization.interval.simplex import (
     LinearPrograms,
     activate_well_known,
@@ -32,7 +33,6 @@ from dg_localization.solver.contract.linearization import (
     set_residuals,
 )
 from dg_localization.solver.contract.newton import narrow_bounds, narrow_displacements
-from dg_localization.solver.contract.widths import LEAST_GAIN
 
 TOLERANCE = 0.03
 """Fraction of their widths by which measured pairs may violate bounds in a linear program."""

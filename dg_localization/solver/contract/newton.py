@@ -17,6 +17,7 @@ import math
 import numpy as np
 
 from dg_localization.interval.kernels import kernel
+from dg_localization.interval.pave import LEAST_GAIN
 from dg_localization.interval.scalars import sub
 from dg_localization.interval.simplex import SMALLEST_WIDTH
 from dg_localization.solver.box import LOWER, UPPER, FloatArray
@@ -26,7 +27,6 @@ from dg_localization.solver.contract.linearization import (
     reference_distance_m2,
     set_residuals,
 )
-from dg_localization.solver.contract.widths import LEAST_GAIN
 
 LEAST_WIDTH_RATIO = 1e-3
 """Least width as a fraction of the largest width, since the normal equations square it."""

@@ -12,9 +12,6 @@ from dg_localization.solver.box import GAP_LOWER, GAP_UPPER, LOWER, UPPER, Float
 from dg_localization.solver.pair_bounds import pairs_among
 from dg_localization.solver.problem import Problem
 
-LEAST_GAIN = 0.05
-"""A step that shortens no interval by more than this fraction is the last of its kind."""
-
 
 @kernel(borrows=True)
 def largest_gain(box: FloatArray, widths: FloatArray) -> float:

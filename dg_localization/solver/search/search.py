@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from dg_localization.interval.kernels import until
-from dg_localization.interval.pave import Examined, Paving, pave
+from dg_localization.interval.pave import LEAST_GAIN, Examined, Paving, pave
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, Status, cut_at
 from dg_localization.solver.contract.fixed_point import (
     EXPLAINED_FACTOR,
@@ -24,7 +24,7 @@ from dg_localization.solver.contract.fixed_point import (
     Pruned,
 )
 from dg_localization.solver.contract.triangles import smooth
-from dg_localization.solver.contract.widths import LEAST_GAIN, excess
+from dg_localization.solver.contract.widths import excess
 from dg_localization.solver.pair_bounds import pairs_among
 from dg_localization.solver.place.hypotheses import place_problem
 from dg_localization.solver.problem import Problem
