@@ -183,7 +183,7 @@ class Localizer(MeasurementIntake):
         now = finite_number(now_s)
         if now is None:
             raise ValueError(f'now_s: {now_s!r} is not allowed, it must be a finite number')
-        if self._config != self._stated:
+        if motion_of(self._config) != motion_of(self._stated):
             self._adopt_if_due(now)
         follower = self._follower
         self._snapshots += 1
