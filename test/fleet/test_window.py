@@ -274,6 +274,13 @@ def test_a_jump_back_in_time_forgets():
     list(fleet.drive(5.0))
     window = fleet.localizer.snapshot(fleet.now_s).window
     assert len(window.observations['r0', 'r1']) == 20
+    for max_future_s in (0.5, 0.1):
+        assert fleet.localizer.configure(replace(fleet.config, max_future_s=max_future_s))
+        stamp_s = fleet.now_s + max_future_s
+        for _ in range(2):
+            assert fleet.localizer.add_range('r0', 'r1', 3.0, stamp_s, fleet.now_s) is None
+    window = fleet.localizer.snapshot(fleet.now_s).window
+    assert len(window.observations['r0', 'r1']) == 20
     fleet.time_s -= 4.0
     fleet.localizer.add_range('r0', 'r1', 3.0, fleet.now_s, fleet.now_s)
     window = fleet.localizer.snapshot(fleet.now_s).window

@@ -147,14 +147,15 @@ class Memory:
         # The observations of the points of a link by their time slot, oldest first.
         self._observations: dict[tuple[str, ...], dict[int, Observation]] = {}
         self._newest_s = self._viewed_s = -math.inf
-        self._memory_s = 0.0
+        self._memory_s = self._max_future_s = 0.0
         self.adopt(config)
 
     def adopt(self, config: FleetConfig) -> None:
         """Adopt settings; observations that were too old for an answer stay forgotten."""
         oldest_s = self._viewed_s - self._memory_s
-        self._memory_s, self._max_future_s = config.memory_s, config.max_future_s
-        self._slot_s = config.memory_s / MOST_OBSERVATIONS
+        self._memory_s, self._slot_s = config.memory_s, config.memory_s / MOST_OBSERVATIONS
+        # Stored stamps may be as late as an earlier value allowed.
+        self._max_future_s = max(self._max_future_s, config.max_future_s)
         for points, kept in self._observations.items():
             young = [one for one in kept.values() if one.stamp_s > oldest_s]
             by_slot = {math.floor(one.stamp_s / self._slot_s): one for one in young}
