@@ -278,6 +278,17 @@ def test_a_mounted_tag_places_its_robot_and_tells_its_heading(window_outliers):
     assert {str(key) for key in heard} >= {'range_difference r/tag->b-a'}
 
 
+def test_the_best_point_fits_differences():
+    listener = Listener()
+    (placement,) = listener.run(5.0).placements
+    place_m, yaw = listener.pose(NOW_S + 4.9)
+    orientations, _ = placement.best_headings
+    off = [*(placement.positions_m[0] - place_m[:2])]
+    off.append(math.remainder(yaw_of(orientations[0]) - yaw, math.tau))
+    deviations = np.sqrt(placement.covariances[0].diagonal()[[0, 1, 5]])
+    assert (np.abs(off) < 3.0 * deviations).all() and (deviations < [0.05, 0.05, 0.03]).all()
+
+
 def test_differences_without_a_memory_are_said_to_place_no_robot():
     estimate = Listener(memory_s=0.0).run(1.0)
     assert 'place no robot without' in estimate.reason and not estimate.links[0].stale

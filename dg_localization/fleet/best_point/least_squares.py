@@ -20,7 +20,15 @@ from dg_localization.fleet.best_point.normal_equations import (
     SHORTEST_M,
     normal_equations,
 )
-from dg_localization.fleet.best_point.terms import PLACE, RANGE, RAY, STEP, TURN, Terms
+from dg_localization.fleet.best_point.terms import (
+    DIFFERENCE,
+    PLACE,
+    RANGE,
+    RAY,
+    STEP,
+    TURN,
+    Terms,
+)
 from dg_localization.solver.place.placements import MOST_DAMPING, MOST_STEPS, THOROUGH
 
 FloatArray = NDArray[np.float64]
@@ -156,10 +164,15 @@ def equations_at(terms: Terms, fit: Fit, *, robust: bool = False) -> tuple[Float
     return matrix, vector
 
 
+def _ends_of(terms: Terms, bodies: Bodies) -> FloatArray:
+    """Return the places of both ends of terms, shape (m, 2, 3)."""
+    arms_m = np.einsum('mbij,mbj->mbi', bodies.rotations[terms.bodies], terms.arms_m)
+    return np.asarray(bodies.positions_m[terms.bodies] + arms_m)
+
+
 def lines_of(terms: Terms, bodies: Bodies) -> tuple[FloatArray, FloatArray]:
     """Return the lengths (m,) and directions (m, 3) of the lines between the ends of terms."""
-    arms_m = np.einsum('mbij,mbj->mbi', bodies.rotations[terms.bodies], terms.arms_m)
-    lines_m = np.diff(bodies.positions_m[terms.bodies] + arms_m, axis=1)[:, 0]
+    lines_m = np.diff(_ends_of(terms, bodies), axis=1)[:, 0]
     lengths_m = np.linalg.norm(lines_m, axis=1)
     return lengths_m, lines_m / np.maximum(lengths_m, SHORTEST_M)[:, None]
 
@@ -174,11 +187,13 @@ def residuals_of(terms: Terms, fit: Fit) -> FloatArray:
     lengths_m, rays = lines_of(terms, fit.bodies)
     sights = np.einsum('mij,mj->mi', rotations[:, 0], terms.values)
     to_left = sights[:, 0] * rays[:, 1] > sights[:, 1] * rays[:, 0]
+    to_fixed_m = terms.values[:, :2] - _ends_of(terms, fit.bodies)[:, 0, :2]
     off = {
         RANGE: lengths_m - terms.values[:, 0],
         RAY: np.where(to_left, 1.0, -1.0) * np.linalg.norm(rays - sights, axis=1),
         PLACE: np.zeros(len(lengths_m)),
         STEP: lengths_m,
         TURN: np.linalg.norm(rotations[:, 1, :, 0] - sights, axis=1),
+        DIFFERENCE: lengths_m - np.linalg.norm(to_fixed_m, axis=1) - terms.values[:, 2],
     }
     return terms.weights * np.choose(terms.kinds, [off[kind] for kind in sorted(off)])

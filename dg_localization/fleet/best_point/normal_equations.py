@@ -15,7 +15,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dg_localization.fleet.best_point.terms import PLACE, RANGE, RAY, STEP, TURN
+from dg_localization.fleet.best_point.terms import (
+    DIFFERENCE,
+    PLACE,
+    RANGE,
+    RAY,
+    STEP,
+    TURN,
+)
 from dg_localization.interval.kernels import kernel
 
 FloatArray = NDArray[np.float64]
@@ -50,7 +57,7 @@ def normal_equations(
     kinds, bodies, arms_m, values, weights
         The fields of `Terms`.
     robust : bool
-        Whether a range or a ray costs log(1 + e) instead of its squared residual e (Cauchy), so
+        Whether a reading costs log(1 + e) instead of its squared residual e (Cauchy), so
         that readings far beyond their bounds have little weight. Their rows are weighted to match.
     positions_m : numpy.ndarray, shape (n, 3)
         Positions of the bodies.
@@ -104,6 +111,15 @@ def normal_equations(
             residual[0] = weight * (length - values[term, 0])
             for axis in range(3):
                 change[0, axis] = weight * line[axis] / length
+        elif kind == DIFFERENCE:
+            n_rows = 1
+            for axis in range(2):
+                unit[axis] = values[term, axis] - positions_m[first, axis] - arms[0, axis]
+            away = max(math.hypot(unit[0], unit[1]), SHORTEST_M)
+            unit[2] = 0.0
+            residual[0] = weight * (length - away - values[term, 2])
+            for axis in range(3):
+                change[0, axis] = weight * (line[axis] / length - unit[axis] / away)
         elif kind in (PLACE, STEP):
             for row in range(3):
                 residual[row] = weight * line[row]
@@ -143,7 +159,7 @@ def normal_equations(
         squared = 0.0
         for row in range(n_rows):
             squared += residual[row] * residual[row]
-        if robust and kind in (RANGE, RAY):
+        if robust and kind in (RANGE, RAY, DIFFERENCE):
             total += math.log1p(squared)
             share = 1.0 / math.sqrt(1.0 + squared)
             for row in range(n_rows):

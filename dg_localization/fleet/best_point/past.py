@@ -30,6 +30,7 @@ from dg_localization.fleet.best_point.least_squares import (
 from dg_localization.fleet.best_point.stated_way import VARIANTS, StatedWay, directions, packed
 from dg_localization.fleet.best_point.terms import (
     AT_ORIGIN,
+    DIFFERENCE,
     MOST_BODIES,
     RANGE,
     RAY,
@@ -156,7 +157,7 @@ class Past:
             self.ways, robots, residuals, self.constants, strict=True
         ):
             is_step = np.isin(way.kinds, (STEP, TURN))
-            in_m = np.isin(way.kinds, (RANGE, STEP))
+            in_m = np.isin(way.kinds, (RANGE, STEP, DIFFERENCE))
             constant = np.where(in_m, constant_m, constant_rad + constant_m * ~is_step)
             off = np.maximum(0.0, np.abs(stated) - 2.0 * constant * way.weights)
             ends = owners[way.bodies]
@@ -185,8 +186,8 @@ def _misfits(kinds: IntArray, others: IntArray, off: FloatArray, robot: int) -> 
 
 
 def _of_readings(terms: Terms, residuals: FloatArray) -> FloatArray:
-    """Return the residuals of ranges and rays, zero for other terms."""
-    return np.where(np.isin(terms.kinds, (RANGE, RAY)), residuals, 0.0)
+    """Return the residuals of readings, zero for other terms."""
+    return np.where(np.isin(terms.kinds, (RANGE, RAY, DIFFERENCE)), residuals, 0.0)
 
 
 def past_of(
@@ -221,7 +222,7 @@ def past_of(
         return None
     oldest_s = snapshot.stamp_s - span_s
     ways = {robot: StatedWay(snapshot, robot, oldest_s, rows[robot]) for robot in moving}
-    table = _readings(snapshot, solved, ways)
+    table = _readings(snapshot, solved, ways, start)
     is_moving = np.isin(table[:, :2], [way.row for way in ways.values()])
     of_anchors = table[~is_moving.all(axis=1)]
     known = []
@@ -240,7 +241,7 @@ def past_of(
     for number, way in enumerate(known):
         way.place_bodies(len(solved.points) + count * number, count)
     ends_of_all, steps = _ends(table, known), [way.steps() for way in known]
-    observed = np.unique(table[:, 11:].astype(int), axis=0)
+    observed = np.unique(table[:, 11:13].astype(int), axis=0)
     return Past(
         Terms.joined([*_packed(table, ends_of_all), *steps]).variant(0),
         np.repeat([way.row for way in known], count),
@@ -256,28 +257,36 @@ def past_of(
 
 
 def _readings(
-    snapshot: Snapshot, solved: Constraints, ways: Mapping[str, StatedWay]
+    snapshot: Snapshot, solved: Constraints, ways: Mapping[str, StatedWay], start: Bodies
 ) -> FloatArray:
     """
-    Return the observations between moving robots and of landmarks, shape (m, 13).
+    Return the observations between moving robots and of landmarks, shape (m, 17).
 
     A row holds the bodies of observer and target, the time, the likeliest distance and its half
-    width, the bearing and its error, the arms of both ends, and the points observer and target.
-    Missing values are NaN. Range differences are left out: a term has two ends.
+    width, the bearing and its error, the arms of both ends, the points observer and target, the
+    place of the reference of a range difference, and the bounds of the difference. Missing values
+    are NaN or infinite. Range differences count where they are of two anchors in the plane.
     """
     config, arms, tables = snapshot.config, snapshot.mounts.arms_m, snapshot.carried.tables
     if not tables:
-        return np.empty((0, 13))
+        return np.empty((0, 17))
     seen = Table.joined(tables.values())
     fixed = config.anchors.keys() & solved.rows.keys()
     robots = [config.robot_of(point) for point in config.points]
-    rows = [solved.rows[robot] if robot in ways or robot in fixed else -1 for robot in robots]
+    rows = np.array(
+        [solved.rows[robot] if robot in ways or robot in fixed else -1 for robot in robots]
+    )
     since_s = [ways[robot].since_s if robot in ways else -math.inf for robot in robots]
     observed_s = np.array(since_s)[seen.ends].max(axis=1)
-    bodies = np.array(rows)[seen.ends]
+    bodies, references = rows[seen.ends], rows[seen.references_of_targets]
     kept = (bodies >= 0).all(axis=1) & (seen.stamps_s >= observed_s) & (observed_s > -math.inf)
-    kept[seen.differences] = False
-    seen, bodies = seen.some(np.flatnonzero(kept)), bodies[kept]
+    is_level = np.array([config.elevation_m(point) == (0.0, 0.0) for point in config.points])
+    is_held = is_level & (rows >= 0) & ~start.free[rows, :2].any(axis=1)
+    is_held &= ~np.isin(config.points, list(arms))
+    ends = np.column_stack([seen.ends[:, 1], seen.references_of_targets])
+    usable = is_level[seen.ends[:, 0]] & is_held[ends].all(axis=1)
+    kept[seen.differences] &= usable[seen.differences]
+    seen, bodies, references = seen.some(np.flatnonzero(kept)), bodies[kept], references[kept]
     arms_m = np.array([arms.get(point, AT_ORIGIN)[:2] for point in config.points])[seen.ends]
     # A ray with an error of a half turn or more measures nothing.
     bearings_rad = np.arctan2(seen.rays[:, 1], seen.rays[:, 0]) - seen.expected_errors_rad
@@ -292,6 +301,9 @@ def _readings(
             seen.errors_rad,
             arms_m.reshape(-1, 4),
             seen.ends,
+            start.positions_m[references, :2],
+            seen.least_m,
+            seen.most_m,
         ]
     )
 
@@ -315,7 +327,7 @@ def _by_errors(
 
 
 def _packed(table: FloatArray, ends: Sequence[_End]) -> list[Terms]:
-    """Return terms for the ranges and the rays of a table from `_readings`."""
+    """Return terms for the readings of a table from `_readings`."""
     distances_m, half_widths_m, bearings_rad, errors_rad = table[:, 3:7].T.copy()
     first, second = ends
     unknown_m = first.unknown[:, 0] + second.unknown[:, 0]
@@ -331,11 +343,16 @@ def _packed(table: FloatArray, ends: Sequence[_End]) -> list[Terms]:
     ranged = np.isfinite(distances_m) & np.isfinite(half_widths_m)
     # The orientation of fixed points is unknown.
     sighted = np.isfinite(bearings_rad) & first.moves
+    heard = np.isfinite(table[:, 16])
+    least_m, most_m = np.where(heard, table[:, 15:].T, 0.0)
+    differences = np.zeros_like(values)
+    differences[..., :2], differences[..., 2] = table[:, 13:15], 0.5 * (least_m + most_m)
     return [
         packed(kind, bodies[known], arms_m[:, known], value[:, known], half_widths[known])
         for kind, known, value, half_widths in (
             (RANGE, ranged, values, half_widths_m + unknown_m),
             (RAY, sighted, rays, errors_rad + unknown_rad),
+            (DIFFERENCE, heard, differences, 0.5 * (most_m - least_m) + unknown_m),
         )
     ]
 

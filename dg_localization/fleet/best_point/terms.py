@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-RANGE, RAY, PLACE, STEP, TURN = 0, 1, 2, 3, 4
+RANGE, RAY, PLACE, STEP, TURN, DIFFERENCE = 0, 1, 2, 3, 4, 5
 
 AT_ORIGIN = (0.0, 0.0, 0.0)
 
@@ -45,8 +45,9 @@ class Term(NamedTuple):
     A likeliest reading between two bodies.
 
     The value of a `RANGE` has the distance as its first number. The value of a `RAY` is a unit
-    vector in the frame of the first body, that of a `PLACE` the position of the first body. Arms
-    are the ends in the body frames.
+    vector in the frame of the first body, that of a `PLACE` the position of the first body. The
+    value of a `DIFFERENCE`, in the plane, is x and y of a fixed point, and how much farther the
+    first body is away from the second, which is fixed, too. Arms are the ends in the body frames.
     """
 
     kind: int

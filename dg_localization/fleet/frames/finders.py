@@ -16,6 +16,7 @@ from dg_localization.fleet.best_point.best_point import BestPointFinder, Sensor
 from dg_localization.fleet.best_point.past import Misfit, past_of
 from dg_localization.fleet.best_point.terms import (
     AT_ORIGIN,
+    DIFFERENCE,
     PLACE,
     RANGE,
     RAY,
@@ -129,6 +130,7 @@ def _sentence(solved: Constraints, misfit: Misfit) -> str:
     what = {
         RANGE: f'ranges {robot} - {other}',
         RAY: f'bearings {robot} - {other}',
+        DIFFERENCE: f'range differences {robot} - {other}',
         STEP: f'ways of the odometry of {robot}',
         TURN: f'turns of the odometry of {robot}',
     }[misfit.kind]

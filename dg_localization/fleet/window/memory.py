@@ -244,6 +244,12 @@ class Table(NamedTuple):
         return np.where(self.seen_by_second[:, None], self.points[:, ::-1], self.points)
 
     @property
+    def references_of_targets(self) -> NDArray[np.int64]:
+        """The reference of each row that is a range difference, the target of other rows."""
+        first, second = self.references.T
+        return np.where(self.seen_by_second, first, second)
+
+    @property
     def differences(self) -> NDArray[np.intp]:
         """The rows that are range differences."""
         return np.flatnonzero(np.isfinite(self.most_m))
