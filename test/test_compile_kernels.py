@@ -35,15 +35,3 @@ def test_kernels_that_cannot_be_kept_are_a_failure(tmp_path):
     tmp_path.chmod(0o777)
     done = compile_kernels(NUMBA_CACHE_DIR=str(tmp_path), NUMBA_DISABLE_JIT='0')
     assert done.returncode == 1 and f'others may write to {tmp_path}' in done.stderr
-
-
-def test_warm_up_without_numba_compiles_nothing_and_never_says_so():
-    code = """
-from dg_localization.fleet import solver_warnings, warm_up, warm_up_status
-warm_up()
-(warning,) = solver_warnings()
-assert 'compiling' not in warm_up_status() + warning
-assert 'numba is not installed' in warning
-"""
-    done = run_python(WITHOUT_NUMBA + code)
-    assert done.returncode == 0, done.stderr

@@ -944,7 +944,10 @@ FLEET = [
     *_in(
         'fleet',
         'config',
-        ('test/fleet/test_fleet_config.py',),
+        (
+            'test/ros/test_parameters.py'
+            '::test_a_robot_and_an_anchor_have_values_of_their_own_or_the_common_ones',
+        ),
         (
             'the odometry of a robot errs as that of all does',
             'error = self.robot_odometry_error.get(robot, self.odometry_error)',

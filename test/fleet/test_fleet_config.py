@@ -143,15 +143,6 @@ def test_a_memory_shorter_than_stamps_resolve_is_refused(memory_s):
         assert localizer.step(1.7e9).placements
 
 
-def test_a_robot_has_odometry_errors_of_its_own_or_those_of_all():
-    all_robots, of_b = OdometryErrorModel(), OdometryErrorModel(translation_scale=0.9)
-    config = FleetConfig(('a', 'b'), odometry_error=all_robots, robot_odometry_error={'b': of_b})
-    assert config.odometry_error_of('a') is all_robots
-    assert config.odometry_error_of('b') is of_b
-    with pytest.raises(TypeError):
-        config.robot_odometry_error['a'] = of_b
-
-
 def test_settings_are_copies_of_what_the_caller_gave():
     place, sensors, elevation_m = np.array([0.3, 0.2]), {}, [0.4, 0.5]
     sensors['left'] = place

@@ -56,6 +56,8 @@ def test_what_robots_remember_of_each_other_connects_them(measured):
         assert fleet.holding(estimate)
         assert all(np.isfinite(p.enclosure_m).all() for p in estimate.placements)
     assert estimate.n_hypotheses == 1
+    *_, estimate = fleet.drive(2.0, pairs=(), odometry=())
+    assert not estimate.placements
 
 
 @pytest.mark.parametrize('robots', [3, 4])
@@ -404,8 +406,8 @@ def test_a_set_that_odometry_does_not_reach_any_more_claims_nothing():
     assert len(fleet.holding(fleet.localizer.step(fleet.now_s))) == 1
 
 
-@pytest.mark.parametrize('side', [-1.0, 0.0, 1.0])
-@pytest.mark.parametrize('scale', [0.7, 1.0, 1.3])
+@pytest.mark.parametrize('side', [-1.0, 1.0])
+@pytest.mark.parametrize('scale', [0.7, 1.3])
 def test_odometry_that_is_scaled_and_errs_at_its_bound_loses_no_truth(scale, side):
     fleet = driving(30.0, OdometryErrorModel(translation_per_m=0.05, translation_scale=scale))
     fleet.scale = scale * (1.0 + 0.0499 * side)
@@ -493,21 +495,6 @@ def test_a_memory_alone_that_contradicts_itself_is_forgotten():
     estimates = triangle_that_cannot_be(measured_now=False)
     assert all(estimate.verdict is None for estimate in estimates)
     assert estimates[0].forgotten and not estimates[-1].forgotten
-
-
-@pytest.mark.parametrize('odometry_goes_on', [True, False])
-def test_memory_answers_while_odometry_says_where_the_robots_go(odometry_goes_on):
-    """Measurements have ended; when odometry ends as well, there is no answer."""
-    localizer = localizer_of(('r', 's'), range_error=(-0.05, 0.05, 0.0, 0.0))
-    for step in range(20):
-        now_s = START_S + step * STEP_S
-        if step < 10 or odometry_goes_on:
-            for x_m, robot in enumerate('rs'):
-                place_m = float(x_m), 0.1 * step
-                add_odometry(localizer, robot, place_m, now_s, frame=f'{robot}/odom')
-        if step < 10:
-            localizer.add_range('r', 's', 1.0, now_s, now_s)
-    assert bool(localizer.step(now_s).placements) is odometry_goes_on
 
 
 def test_a_robot_that_is_only_known_to_be_far_is_placed_by_what_was_measured_before():

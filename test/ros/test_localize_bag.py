@@ -377,15 +377,10 @@ def test_the_report_says_when_the_budget_ended_the_search(localize, recorder, ca
     assert 'The search of 5 ticks ended at solver.max_boxes, 1 boxes' in told
 
 
-@pytest.fixture
-def bags(tmp_path):
-    """Write two bags of a triangle, of 11 and 21 steps."""
-    lengths = {'first': 11, 'second': 21}
-    return [write_triangles(tmp_path / name, [range(n)]) for name, n in lengths.items()]
-
-
-def test_each_bag_is_localized_compared_and_drawn_as_alone(bags, localize, tmp_path):
+def test_each_bag_is_localized_compared_and_drawn_as_alone(localize, tmp_path):
     pytest.importorskip('matplotlib', reason="matplotlib, the extra 'plots', is not installed")
+    lengths = {'first': 11, 'second': 21}
+    bags = [write_triangles(tmp_path / name, [range(n)]) for name, n in lengths.items()]
     picture = tmp_path / 'picture.png'
     # ROS arguments reach every process.
     given = '--truth', write_table(tmp_path / 'truth.csv'), '--ros-args', '-p', 'rate:=4.0'

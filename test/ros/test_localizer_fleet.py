@@ -127,12 +127,6 @@ def test_silence_leaves_no_stale_answer(fresh, paper_fleet):
     until_nothing_is_left(fresh)
 
 
-def test_diagnostics_come_every_second_without_any_change(fresh):
-    fresh.clear()
-    fresh.until(lambda: len(fresh.heard.diagnostics) >= 2, 'two diagnostics', deadline_s=5.0)
-    assert 'localizer: robot robot_1' in fresh.heard.statuses
-
-
 def test_a_signal_ends_a_working_node_cleanly(fresh, process, paper_fleet):
     """Leave this the last test: it ends the localizer of the module."""
     fresh.play(paper_fleet, cameras=False)

@@ -7,7 +7,6 @@ from collections import Counter
 from pathlib import Path
 
 from geometry_msgs.msg import PoseArray
-import numpy as np
 from processes import Listener
 import pytest
 from rclpy.parameter import Parameter
@@ -36,7 +35,7 @@ def simulated(**values):
     return {**dict(fleet.measurements(1.0, 2.0)), **dict(fleet.odometry_messages(1.0, 2.0))}
 
 
-def test_every_sensor_measures_the_truth_of_its_stamp(node):
+def test_every_topic_is_published_with_the_stamps_of_the_truth(node):
     given = [Parameter('rate', value=20), Parameter('odometry', value=True)]
     simulator = FleetSimulator(context=node.context, parameter_overrides=given)
     kinds = {f'/{topic}': type(message) for topic, message in simulated(odometry=True).items()}
@@ -45,23 +44,10 @@ def test_every_sensor_measures_the_truth_of_its_stamp(node):
     listener = Listener(node, topics, simulator)
     assert listener.spin_until(lambda: all(len(listener.on(topic)) >= 5 for topic in topics))
     simulator.destroy_node()
-    truth = {
-        stamp(message): np.array([[p.position.x, p.position.y] for p in message.poses])
-        for message in listener.on('/simulate_fleet/ground_truth')
-    }
-    n_compared = 0
-    for a, b in simulation.EDGES:
-        observer, target = simulation.ROBOTS[a], simulation.ROBOTS[b]
-        for message in listener.on(f'/{observer}/range/{target}'):
-            assert message.min_range < message.range < message.max_range
-            if stamp(message) in truth:
-                positions_m = truth[stamp(message)]
-                distance_m = np.linalg.norm(positions_m[a] - positions_m[b])
-                assert abs(message.range - distance_m) <= 0.03 * distance_m
-                n_compared += 1
-        for ray in (message.vector for message in listener.on(f'/{observer}/bearing/{target}')):
-            assert np.linalg.norm([ray.x, ray.y, ray.z]) == pytest.approx(1.0)
-    assert n_compared >= 9
+    of_truth = set(map(stamp, listener.on('/simulate_fleet/ground_truth')))
+    for observer, target in simulation.EDGES:
+        topic = f'/{simulation.ROBOTS[observer]}/range/{simulation.ROBOTS[target]}'
+        assert of_truth & set(map(stamp, listener.on(topic))), topic
 
 
 @pytest.mark.parametrize(
