@@ -128,26 +128,6 @@ def test_a_robot_that_stood_still_tells_nothing_better_than_what_is_stated():
     assert fit_odometry(windows, EXACT, STATED) == STATED
 
 
-def circle(stamps):
-    angles = 0.5 * np.asarray(stamps)
-    places = 2.0 * np.column_stack([np.cos(angles), np.sin(angles), 0.0 * angles])
-    return places, angles + np.pi / 2.0
-
-
-CIRCLE_S = np.arange(0.0, 20.0, 0.05)
-
-
-def test_places_and_headings_between_samples():
-    places, yaws = circle(CIRCLE_S)
-    track = TrueTrack(CIRCLE_S, places, quaternions(yaws))
-    times = np.linspace(0.0, 19.9, 333)
-    expected, headings = circle(times)
-    np.testing.assert_allclose(track.positions_at(times), expected, atol=2e-4)
-    forward = track.rotations_at(times)[:, :2, 0]
-    expected = np.column_stack([np.cos(headings), np.sin(headings)])
-    np.testing.assert_allclose(forward, expected, atol=2e-4)
-
-
 def test_headings_turn_the_short_way_whatever_the_sign_of_the_quaternions():
     turns = quaternions([3.0, 3.2]) * [[1.0], [-1.0]]
     rotation = TrueTrack([0.0, 0.1], np.zeros((2, 3)), turns).rotations_at([0.05])[0]

@@ -281,8 +281,3 @@ def test_a_part_hears_of_a_pair_from_a_piece_that_it_shares_no_joint_with():
     answer = check_pieces(9, as_array(pairs), 3)
     assert {(4, 5, 7), (0, 2, 5, 7)} <= set(answer.pieces)
     assert ((5, 7), HINGE) in {(joint.points, joint.kind) for joint in answer.joints}
-
-
-@pytest.mark.parametrize('degree', [2, 4, 6, 8, 10])
-def test_a_thousand_points_in_the_plane(degree):
-    check_pieces(1000, near_pairs(np.random.default_rng(degree), 1000, 2, degree), 2)
