@@ -43,11 +43,6 @@ def feed(localizer, stamp_s=NOW_S, wrong=(), errors=2.0):
         add_ranges(localizer, first, place_m, {second: other_m}, stamp_s, off_m)
 
 
-def truth():
-    """Return the fleet with a in the origin and b on the x axis, and its mirror image."""
-    return POSITIONS, POSITIONS * [1.0, -1.0]
-
-
 def test_a_contradiction_gives_nothing_but_its_cause():
     localizer = make_localizer()
     feed(localizer, wrong={('a', 'b')})
@@ -72,7 +67,8 @@ def test_one_outlier_may_be_dropped():
     assert {placement.dropped for placement in estimate.placements} == {(WRONG,)}
     assert str(WRONG) in estimate.reason
     assert estimate.conflicts
-    assert all(holds(estimate, positions) for positions in truth())
+    # With a in the origin and b on the x axis, the fleet and its mirror image.
+    assert all(holds(estimate, POSITIONS * [1.0, side]) for side in (1.0, -1.0))
 
 
 @pytest.mark.parametrize(

@@ -57,17 +57,13 @@ def test_a_contradiction_names_the_piece_that_it_is_in():
     assert (result.lower > result.upper).all()
 
 
-def linkage_and_four():
-    """Return Dixon's linkage, which moves although K33 is rigid generically, and an easy four."""
-    linkage = np.array([[1, 0], [2, 0], [-3, 0], [0, 1], [0, 2], [0, -3]], dtype=float)
-    positions = np.concatenate([linkage, TWO_FOURS_M[:4] + 20.0])
-    bars = [(i, j) for i in (0, 1, 2) for j in (3, 4, 5)]
-    return positions, known(positions, [*bars, (6, 7, 8, 9)], 1e-12)
-
-
 @pytest.mark.parametrize('max_boxes', [1, 2, 3, 5])
 def test_a_hard_piece_leaves_the_others_their_answers(max_boxes):
-    positions, problem = linkage_and_four()
+    """Dixon's linkage, which moves although K33 is rigid generically, and an easy four."""
+    hard = np.array([[1, 0], [2, 0], [-3, 0], [0, 1], [0, 2], [0, -3]], dtype=float)
+    positions = np.concatenate([hard, TWO_FOURS_M[:4] + 20.0])
+    bars = [(i, j) for i in (0, 1, 2) for j in (3, 4, 5)]
+    problem = known(positions, [*bars, (6, 7, 8, 9)], 1e-12)
     result = solve(problem, SolverOptions(resolution=1e-3, max_boxes=max_boxes))
     assert result.verdict is Verdict.OUT_OF_BUDGET
     assert result.statistics.processed <= max_boxes

@@ -80,26 +80,20 @@ def test_no_truth_is_lost_where_the_decomposition_is_stopped(watchful):
     assert n_stopped > len(SEEDS)
 
 
-def near_fleet(n_points, dimension, degree):
-    """Return random points of which the closest pairs are measured, and their positions."""
-    positions, pairs = neighbors(n_points, degree, dimension, 5)
-    squared = squared_distances(positions)[pairs[:, 0], pairs[:, 1]]
-    bounds = 0.98 * squared, 1.02 * squared
-    return Problem.from_pairs(n_points, *pairs.T, *bounds, dimension), positions
-
-
 @pytest.mark.parametrize('dimension', [2, 3])
 @pytest.mark.parametrize('listed', [False, True])
 def test_large_fleets_are_bounded_by_chains(dimension, listed, watchful):
-    problem, positions = near_fleet(250, dimension, 8)
-    n_points, squared = 250, squared_distances(positions)
+    positions, pairs = neighbors(250, 8, dimension, 5)
+    squared = squared_distances(positions)
+    measured = squared[pairs[:, 0], pairs[:, 1]]
+    problem = Problem.from_pairs(250, *pairs.T, 0.98 * measured, 1.02 * measured, dimension)
     if not listed:
         problem = Problem(problem.lower, problem.upper, dimension)
     around = 0.9 * squared, 1.1 * squared
     for within in (None, [around]):
         forget()
         result = solve(problem, cancel=CancelAfter(20), within=within)
-        check_undivided(result, n_points)
+        check_undivided(result, 250)
         assert holding([result], squared)
         (hypothesis,) = result.hypotheses
         again = pickle.loads(pickle.dumps(hypothesis))
