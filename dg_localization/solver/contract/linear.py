@@ -80,6 +80,9 @@ def _narrow_all_pairs(
     n_edges = len(linear.edges)
     target = np.zeros((n_points, dimension))
     multipliers = np.empty(n_edges)
+    # At a singular reference the first-order effect has no limit. The second-order effect has one,
+    # and as many of the narrowest pairs as there are unknowns may hold the points rigid.
+    limit = np.sqrt(box[UPPER].max()) * np.sqrt(np.sort(widths)[: len(inverse)].sum())
     residual_widths = linear.residuals[:, UPPER] - linear.residuals[:, LOWER]
     edge_of = np.full((n_points, n_points), -1)
     for m in range(n_edges):
@@ -95,7 +98,7 @@ def _narrow_all_pairs(
             width = 0.0
             for m in range(n_edges):
                 width += abs(multipliers[m]) * widths[m]
-            explained[i, j] = explained[j, i] = width
+            explained[i, j] = explained[j, i] = min(width, limit)
             if edge_of[i, j] >= 0 and not leave_out(multipliers, edge_of[i, j]):
                 continue
             width = 0.0
