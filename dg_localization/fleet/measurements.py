@@ -16,7 +16,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 import math
-from operator import attrgetter
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -50,7 +49,7 @@ from dg_localization.fleet.vocabulary import (
     Rejection,
     RejectionReason,
 )
-from dg_localization.fleet.window.memory import MOST_OBSERVATIONS, Memory
+from dg_localization.fleet.window.memory import MOST_OBSERVATIONS, STAMP_S, Memory
 from dg_localization.interval.bounds import sum_down, sum_up
 from dg_localization.texts import listed
 
@@ -59,8 +58,6 @@ CLOCK_STEP_S = 0.005
 
 SILENT_S = 0.25
 """Older odometry is called silent."""
-
-_STAMP_S = attrgetter('stamp_s')
 
 
 @dataclass
@@ -87,8 +84,8 @@ class _Input:
 
         Later readings must not displace those that an answer for that time needs.
         """
-        insort(self.readings, reading, key=_STAMP_S)
-        n_before = bisect_right(self.readings, answered_s, key=_STAMP_S)
+        insort(self.readings, reading, key=STAMP_S)
+        n_before = bisect_right(self.readings, answered_s, key=STAMP_S)
         # Their number is limited, since it would grow while a clock stands still.
         n_later = len(self.readings) - n_before
         del self.readings[: max(0, n_before - most, n_later - MOST_OBSERVATIONS)]

@@ -334,6 +334,6 @@ def _distance_up_m(first: np.ndarray, second: np.ndarray) -> float:
 
 def _nearest(track: tuple[OdometrySample, ...], stamp_s: float) -> OdometrySample:
     """Return the reading whose stamp is nearest."""
-    after = bisect_left(track, stamp_s, key=lambda reading: reading.stamp_s)
+    after = bisect_left(track, stamp_s, key=STAMP_S)
     around = track[max(0, after - 1) : after + 1]
     return min(around, key=lambda reading: abs(reading.stamp_s - stamp_s))
