@@ -90,7 +90,7 @@ def main(args: Sequence[str]) -> int:
         gatherer, links = collect(task, recording), [*recording.links.values()]
         choice = Choice(options.keep, options.margin)
         learned = fit(gatherer, recording, options.per, choice)
-        text = as_yaml(learned, links, options.bag.resolve().name, task.settings.fleet)
+        text = bounds_as_yaml(learned, links, options.bag.resolve().name, task.settings.fleet)
     # The parameters have to pass the checks of the node before they are printed.
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / 'bounds.yaml'
@@ -110,7 +110,7 @@ MEASURED = {
 }
 
 
-def as_yaml(fit: LearnedBounds, links: Sequence[Link], bag: str, fleet: FleetConfig) -> str:
+def bounds_as_yaml(fit: LearnedBounds, links: Sequence[Link], bag: str, fleet: FleetConfig) -> str:
     """Return the text of the file of parameters."""
     comments = [f'Error bounds learned from {bag} by fit_bounds.', *fit.notes]
     comments += _kept_links(fit, links)

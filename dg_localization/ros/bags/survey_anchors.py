@@ -95,7 +95,7 @@ def missing(estimate: Estimate) -> Iterator[str]:
         yield f'{different} different placements agree with the ranges: more ranges are needed'
 
 
-def as_yaml(estimate: Estimate, anchors: dict[str, Anchor], source: str) -> str:
+def anchors_as_yaml(estimate: Estimate, anchors: dict[str, Anchor], source: str) -> str:
     """Return the section of parameters, with a bound that holds the true place of each node."""
     placement = estimate.placements[0]
     comments = [f'Surveyed from {source} by survey_anchors, {estimate.frame}.']
@@ -142,5 +142,5 @@ def main(args: Sequence[str]) -> int:
     for text in wanting:
         print_line(text)
     if estimate.placements:
-        print_result(as_yaml(estimate, anchors, options.ranges.name))
+        print_result(anchors_as_yaml(estimate, anchors, options.ranges.name))
     return EXIT_FAILED if wanting else 0

@@ -20,7 +20,7 @@ import numpy as np
 from dg_localization.interval.kernels import COMPILED, WORK_PER_LOOK, until
 from dg_localization.interval.pave import LEAST_GAIN
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, Status, sub_box
-from dg_localization.solver.contract.linear import Group, combine, groups_of
+from dg_localization.solver.contract.linear import ConnectedPoints, combine, connected_points_of
 from dg_localization.solver.contract.local_frames import contract_in_frame
 from dg_localization.solver.contract.reduction import (
     MOST_THROUGH,
@@ -131,8 +131,8 @@ class Contractor:
         return axes_of(self.problem)
 
     @cached_property
-    def _groups(self) -> list[Group]:
-        return groups_of(self.problem, self._whole)
+    def _groups(self) -> list[ConnectedPoints]:
+        return connected_points_of(self.problem, self._whole)
 
     @cached_property
     def _n_measured(self) -> int:

@@ -112,7 +112,7 @@ def _narrow_all_pairs(
     return True
 
 
-class Group(NamedTuple):
+class ConnectedPoints(NamedTuple):
     """Points that chains of measured pairs connect."""
 
     points: IntArray
@@ -120,7 +120,7 @@ class Group(NamedTuple):
     errors: FloatArray  # (m,): the widths of their intervals in m^2
 
 
-def groups_of(problem: Problem, smoothed: FloatArray) -> list[Group]:
+def connected_points_of(problem: Problem, smoothed: FloatArray) -> list[ConnectedPoints]:
     """
     Return the points of a problem in groups that chains of measured pairs connect.
 
@@ -133,7 +133,7 @@ def groups_of(problem: Problem, smoothed: FloatArray) -> list[Group]:
         # Pairs are left out if a chain overflows.
         points, among = np.flatnonzero(first == number), pairs[(ends == number).all(axis=1)]
         errors = problem.upper[among[:, 0], among[:, 1]] - problem.lower[among[:, 0], among[:, 1]]
-        groups.append(Group(points, np.searchsorted(points, among), errors))
+        groups.append(ConnectedPoints(points, np.searchsorted(points, among), errors))
     return groups
 
 
