@@ -42,6 +42,8 @@ class Circling:
         """How far robots were carried, which odometry does not see."""
         self.started_m, self.started_rad, self.scale = np.zeros(2), 0.0, 1.0
         """Where odometry starts, how it is turned, and how many meters its unit has."""
+        self.ahead_s, self.late_s = 0.0, 0.0
+        """How far clocks are ahead, and after what time it arrives what was measured."""
         self.centers_m, self.rates = CENTERS[:robots], RATES[:robots]
         self._rng = np.random.default_rng(0)
 
@@ -49,18 +51,18 @@ class Circling:
     def now_s(self):
         return START_S + self.time_s
 
-    def poses(self):
-        """Return true positions (n, 2) and yaws (n,)."""
+    def poses(self, before_s=0.0):
+        """Return true positions (n, 2) and yaws (n,), of now or some time before."""
         n = len(self.names)
-        angles = self.rates * self.time_s + np.arange(n)
+        angles = self.rates * (self.time_s - before_s) + np.arange(n)
         around = RADII_M[:n, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         yaws = angles + np.sign(RADII_M[:n] * self.rates) * 0.5 * math.pi
         return self.centers_m + around + self.shift_m, yaws
 
     def measure(self, *, pairs=None, anchors=True, bearings=True, odometry=None):
         """Measure pairs of robots, or all, once."""
-        places, yaws = self.poses()
-        stamps = self.now_s, self.now_s
+        places, yaws = self.poses(self.late_s)
+        stamps = self._stamps()
         for i, name in enumerate(self.names):
             if odometry is None or name in odometry:
                 driven = turn(2, self.started_rad)[:2, :2] @ (places[i] - self.shift_m[i])
@@ -79,7 +81,11 @@ class Circling:
 
     def _range(self, observer, target, gap):
         reading = float(np.linalg.norm(gap)) / (1.0 + self._rng.uniform(-self.noise, self.noise))
-        self.localizer.add_range(observer, target, reading, self.now_s, self.now_s)
+        self.localizer.add_range(observer, target, reading, *self._stamps())
+
+    def _stamps(self):
+        """Return when clocks say that it was measured, and when it arrives."""
+        return self.now_s - self.late_s + self.ahead_s, self.now_s
 
     def drive(self, seconds, every_s=1.0, **measured):
         """Drive on, measuring; yield an estimate every second, or as often as is said."""

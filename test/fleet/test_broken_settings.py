@@ -11,6 +11,7 @@ import pytest
 from sensing import add_odometry, add_ranges, anchors_at, new_localizer, ray
 from shapes import holds
 
+from dg_localization import Verdict
 from dg_localization.fleet import OdometryErrorModel, RangeErrorModel
 from dg_localization.fleet.rotations import yaw_of
 
@@ -139,6 +140,39 @@ def test_a_ray_that_points_above_the_plane_is_widened_and_told(up_m, away_m):
 ANCHORS_M = {'a0': (0.0, 0.0), 'a1': (8.0, 0.0), 'a2': (3.0, 7.0)}
 
 
+def driving(ahead_s=0.0, late_s=0.0, **settings):
+    """Return a robot that drives in a circle at 0.4 m/s among anchors, by a clock of its own."""
+    robot = Circling(
+        1,
+        anchors=anchors_at(ANCHORS_M),
+        range_error=RangeErrorModel(-1e-4, 1e-4, 0.0, 0.0),
+        max_speed_m_s=0.404,
+        max_turn_rate_rad_s=0.505,
+        odometry_error=OdometryErrorModel(1e-3, 0.0, 0.0, 1e-3),
+        **settings,
+    )
+    robot.ahead_s, robot.late_s = ahead_s, late_s
+    return robot
+
+
+@pytest.mark.parametrize('odometry', [(), None])
+@pytest.mark.parametrize('ahead_s', [-0.05, 0.05])
+def test_the_truth_is_inside_with_clocks_as_wrong_as_is_stated(ahead_s, odometry):
+    robot = driving(ahead_s, 0.05, stamp_error_s=0.05)
+    for estimate in robot.drive(4.0, every_s=0.5, odometry=odometry):
+        assert estimate.verdict is not Verdict.INFEASIBLE
+        assert not estimate.forgotten
+        assert robot.holding(estimate)
+
+
+@pytest.mark.parametrize('odometry', [(), None])
+def test_stamps_that_are_more_wrong_than_is_stated_are_noticed(odometry):
+    """Late readings look new where the clock is ahead by as much."""
+    robot = driving(0.2, 0.2, stamp_error_s=0.01)
+    answers = robot.drive(4.0, every_s=0.5, odometry=odometry)
+    assert not all(robot.holding(estimate) for estimate in answers)
+
+
 @pytest.mark.parametrize('with_odometry', [False, True])
 @pytest.mark.parametrize('ahead_s', [-0.05, 0.05])
 def test_a_ray_with_the_stamp_of_the_answer_may_be_of_another_time(ahead_s, with_odometry):
@@ -167,16 +201,7 @@ def test_a_ray_with_the_stamp_of_the_answer_may_be_of_another_time(ahead_s, with
 
 def test_where_clocks_are_right_nothing_is_widened():
     widths_m = []
-    for stamp_error_s in (0.0, 0.02):
-        robot = Circling(
-            1,
-            anchors=anchors_at(ANCHORS_M),
-            range_error=RangeErrorModel(-1e-4, 1e-4, 0.0, 0.0),
-            max_speed_m_s=0.404,
-            max_turn_rate_rad_s=0.505,
-            odometry_error=OdometryErrorModel(1e-3, 0.0, 0.0, 1e-3),
-            stamp_error_s=stamp_error_s,
-        )
+    for robot in (driving(), driving(stamp_error_s=0.02)):
         *_, estimate = robot.drive(4.0)
         widths_m.append(np.ptp(estimate.placements[0].enclosure_m[0], axis=0))
     assert np.all(widths_m[0] < 0.1)

@@ -118,6 +118,15 @@ def test_contradiction_empties_everything_and_heals(fresh, paper_fleet):
     fresh.until(lambda: fresh.heard.fleet[-1].poses, 'placements again')
 
 
+def test_silence_leaves_no_stale_answer(fresh, paper_fleet):
+    fresh.play(paper_fleet, cameras=True)
+    fresh.until_status('fleet', Level.OK)
+    fresh.sending = []
+    fresh.until_status('fleet', Level.WARN, 'stale')
+    fresh.until_status('input range robot_1->robot_2', Level.WARN, 'stale')
+    until_nothing_is_left(fresh)
+
+
 def test_a_signal_ends_a_working_node_cleanly(fresh, process, paper_fleet):
     """Leave this the last test: it ends the localizer of the module."""
     fresh.play(paper_fleet, cameras=False)
