@@ -201,11 +201,11 @@ class Contractor:
         in groups that are not rigid. Return False if the box holds no placement.
         """
         explained[:] = 0.0
-        for points, edges, _ in self._groups:
+        for points, edges, errors in self._groups:
             if len(points) == len(explained):
-                return combine(box, self.problem.dimension, edges, explained)
+                return combine(box, self.problem.dimension, edges, errors, explained)
             local, of_group = sub_box(box, points), np.zeros((len(points), len(points)))
-            if not combine(local, self.problem.dimension, edges, of_group):
+            if not combine(local, self.problem.dimension, edges, errors, of_group):
                 return False
             explained[np.ix_(points, points)] = of_group
             box[:, points[:, None], points] = local

@@ -38,14 +38,17 @@ from dg_localization.solver.problem import Problem
 
 @kernel
 def contract_linear(
-    box: FloatArray, positions: FloatArray, edges: IntArray, explained: FloatArray
+    box: FloatArray,
+    positions: FloatArray,
+    edges: IntArray,
+    errors: FloatArray,
+    explained: FloatArray,
 ) -> bool:
     """
     Narrow all pairs of a box by linear combinations of the measured ones, in place.
 
-    The widths that errors explain are those of what the box leaves of the measured pairs: others
-    may tell a pair far better than its own measurement. Nothing is narrowed if the measurements do
-    not make the points rigid. Returns False if the box is proved to hold no placement.
+    Nothing is narrowed if the measurements do not make the points rigid. Returns False if the box
+    is proved to hold no placement.
     """
     n_points, dimension = positions.shape
     frame = np.full(dimension + 1, -1)
@@ -64,7 +67,7 @@ def contract_linear(
     relative = np.empty((len(edges), 2, dimension))
     if not narrow_displacements(box, linear, relative):
         return False
-    return bool(_narrow_all_pairs(box, linear, inverse, widths, explained))
+    return bool(_narrow_all_pairs(box, linear, inverse, errors, explained))
 
 
 @kernel
@@ -72,7 +75,7 @@ def _narrow_all_pairs(
     box: FloatArray,
     linear: Linearization,
     inverse: FloatArray,
-    widths: FloatArray,
+    errors: FloatArray,
     explained: FloatArray,
 ) -> bool:
     """Narrow every pair by the combination that estimates it; return False if one is empty."""
@@ -80,9 +83,6 @@ def _narrow_all_pairs(
     n_edges = len(linear.edges)
     target = np.zeros((n_points, dimension))
     multipliers = np.empty(n_edges)
-    # At a singular reference the first-order effect has no limit. The second-order effect has one,
-    # and as many of the narrowest pairs as there are unknowns may hold the points rigid.
-    limit = np.sqrt(box[UPPER].max()) * np.sqrt(np.sort(widths)[: len(inverse)].sum())
     residual_widths = linear.residuals[:, UPPER] - linear.residuals[:, LOWER]
     edge_of = np.full((n_points, n_points), -1)
     for m in range(n_edges):
@@ -97,8 +97,8 @@ def _narrow_all_pairs(
             set_multipliers(linear, inverse, i, j, target, multipliers)
             width = 0.0
             for m in range(n_edges):
-                width += abs(multipliers[m]) * widths[m]
-            explained[i, j] = explained[j, i] = min(width, limit)
+                width += abs(multipliers[m]) * errors[m]
+            explained[i, j] = explained[j, i] = width
             if edge_of[i, j] >= 0 and not leave_out(multipliers, edge_of[i, j]):
                 continue
             width = 0.0
@@ -141,7 +141,9 @@ REFERENCE_STEPS = 3
 """Least-squares steps towards the reference placement, which need not meet any bound."""
 
 
-def combine(box: FloatArray, dimension: int, edges: IntArray, explained: FloatArray) -> bool:
+def combine(
+    box: FloatArray, dimension: int, edges: IntArray, errors: FloatArray, explained: FloatArray
+) -> bool:
     """
     Narrow connected points by linear combinations of measured pairs.
 
@@ -150,4 +152,4 @@ def combine(box: FloatArray, dimension: int, edges: IntArray, explained: FloatAr
     """
     # Any placement serves as a reference.
     positions = place(box, dimension, REFERENCE_STEPS)
-    return bool(contract_linear(box, positions, edges, explained))
+    return bool(contract_linear(box, positions, edges, errors, explained))
