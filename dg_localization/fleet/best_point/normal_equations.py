@@ -20,6 +20,7 @@ from dg_localization.fleet.best_point.terms import (
     PLACE,
     RANGE,
     RAY,
+    READINGS,
     STEP,
     TURN,
 )
@@ -57,8 +58,8 @@ def normal_equations(
     kinds, bodies, arms_m, values, weights
         The fields of `Terms`.
     robust : bool
-        Whether a reading costs log(1 + e) instead of its squared residual e (Cauchy), so
-        that readings far beyond their bounds have little weight. Their rows are weighted to match.
+        Whether a reading costs log(1 + e) instead of its squared residual e (Cauchy), so that
+        readings far beyond their bounds have little weight. Their rows are weighted to match.
     positions_m : numpy.ndarray, shape (n, 3)
         Positions of the bodies.
     rotations : numpy.ndarray, shape (n, 3, 3)
@@ -159,7 +160,7 @@ def normal_equations(
         squared = 0.0
         for row in range(n_rows):
             squared += residual[row] * residual[row]
-        if robust and kind in (RANGE, RAY, DIFFERENCE):
+        if robust and kind in READINGS:
             total += math.log1p(squared)
             share = 1.0 / math.sqrt(1.0 + squared)
             for row in range(n_rows):

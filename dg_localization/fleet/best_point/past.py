@@ -34,6 +34,7 @@ from dg_localization.fleet.best_point.terms import (
     MOST_BODIES,
     RANGE,
     RAY,
+    READINGS,
     STEP,
     TURN,
     Terms,
@@ -187,7 +188,7 @@ def _misfits(kinds: IntArray, others: IntArray, off: FloatArray, robot: int) -> 
 
 def _of_readings(terms: Terms, residuals: FloatArray) -> FloatArray:
     """Return the residuals of readings, zero for other terms."""
-    return np.where(np.isin(terms.kinds, (RANGE, RAY, DIFFERENCE)), residuals, 0.0)
+    return np.where(np.isin(terms.kinds, READINGS), residuals, 0.0)
 
 
 def past_of(

@@ -23,6 +23,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 RANGE, RAY, PLACE, STEP, TURN, DIFFERENCE = 0, 1, 2, 3, 4, 5
+READINGS = (RANGE, RAY, DIFFERENCE)
 
 AT_ORIGIN = (0.0, 0.0, 0.0)
 

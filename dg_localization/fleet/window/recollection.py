@@ -192,9 +192,9 @@ class Recollection:
             sentences += left.ruled_out
             best, others = parted(left.placements, MOST_REFINED)
         boxes = MOST_BOXES if config.window_outliers else COARSE_BOXES
-        fine = replace(coarse, max_boxes=boxes, max_programs=PROGRAM_BOXES)
         # Of several placements, some are mirror images to be ruled out.
-        fine = replace(fine, hull_only=len(best) == 1)
+        alone = len(best) == 1
+        fine = replace(coarse, max_boxes=boxes, max_programs=PROGRAM_BOXES, hull_only=alone)
         refined = sifted(best, partial(narrow, fine))
         return Remaining((*refined.placements, *others), sentences + refined.ruled_out)
 
