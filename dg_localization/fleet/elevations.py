@@ -83,6 +83,11 @@ class Elevations:
         del readings[: -self.config.max_repeats]
         return None
 
+    def forget_until(self, stamp_s: float) -> None:
+        """Forget the readings up to a time."""
+        for readings in self._readings.values():
+            readings[:] = [one for one in readings if one.stamp_s > stamp_s]
+
     def at_m(self, point: str, stamp_s: float, now_s: float) -> Bounds:
         """Return bounds of the elevation of a point at a time, by readings young at `now_s`."""
         config, stated_m = self.config, self.config.elevation_m(point)

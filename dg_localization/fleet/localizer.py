@@ -237,13 +237,16 @@ class Localizer(MeasurementIntake):
 
     def _adopt_if_due(self, now_s: float) -> None:
         """Adopt the stated bounds of motion if all readings are from after their change."""
-        self._stated_s = min(self._stated_s, now_s)
+        # The first answer after the change may be for a time before it.
+        self._stated_s = min(self._stated_s, now_s + MOST_BEFORE_S)
         config = self.config_for_clocks()
         late_s = max(config.odometry_error_of(robot).latency_s for robot in config.robots)
         oldest_s = [track.readings[0].stamp_s for track in self._tracks.values()]
         oldest_s.append(now_s - max(config.max_age_s, config.memory_s))
         if min(oldest_s) > self._stated_s + late_s:
             self._adopt(self._stated)
+            # A longer `max_age_s` must not bring back readings from before the change.
+            self._forget_until(self._stated_s + late_s)
 
     def _begun(self, snapshot: Snapshot) -> Follower:
         """Return a copy of the follower for the estimate of a snapshot."""

@@ -127,6 +127,12 @@ class MeasurementStore:
         for track in self._tracks.values():
             track.adopt(config)
 
+    def _forget_until(self, stamp_s: float) -> None:
+        """Forget the readings up to a time outside the memory; their links are stale."""
+        self._elevations.forget_until(stamp_s)
+        for source in self._inputs.values():
+            source.readings = [one for one in source.readings if one.stamp_s > stamp_s]
+
     def _take(
         self,
         key: LinkKey,
@@ -234,7 +240,7 @@ class MeasurementStore:
         return {
             key: young(self._inputs[key])
             for key in sorted(self._inputs)
-            if self._inputs[key].readings
+            if key.target and self._inputs[key].accepted
         }
 
     def newest_stamp_s(self, key: LinkKey) -> float:

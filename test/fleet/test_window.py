@@ -289,6 +289,24 @@ def test_a_jump_back_in_time_forgets():
     assert [len(seen) for seen in window.observations.values()] == [1]
 
 
+def test_a_range_from_before_robots_became_slow_is_not_used_as_if_it_were_newer():
+    """Robot r drives away at 10 m/s until 1 s; answers are 0.1 s late, as the odometry of s is."""
+    fast = {'max_speed_m_s': 10.0, 'memory_s': 1.0, 'max_future_s': 0.0}
+    localizer = new_localizer('rs', {'a': (0.0, 0.0)}, range_error=(-0.01, 0.01, 0.0, 0.0), **fast)
+    slow = replace(localizer.config, max_speed_m_s=0.1)
+    for step in range(260):
+        now_s = START_S + 0.01 * step
+        add_odometry(localizer, 's', np.zeros(3), now_s - 0.1, now_s=now_s)
+        if step == 97:
+            assert localizer.add_range('r', 'a', 1.0, now_s - 0.025, now_s) is None
+        if step in (100, 250):
+            assert localizer.configure(replace(slow, max_age_s=step / 100.0))
+        snapshot = localizer.snapshot(localizer.answer_time(now_s))
+        if step > 110:
+            assert all(distance.upper_m > 1.55 for distance in snapshot.distances)
+    assert snapshot.config.max_speed_m_s == 0.1 and snapshot.links[0].stale
+
+
 def test_the_memory_is_bounded():
     localizer = new_localizer(('a', 'b'), memory_s=2.0)
     for step in range(5000):
