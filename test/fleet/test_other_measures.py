@@ -328,6 +328,23 @@ def test_a_wrong_difference_is_a_suspect():
     listener.assert_placed(estimate, 0.6)
 
 
+@pytest.mark.parametrize('age_s', [0.0, 0.01])
+def test_a_set_is_forgotten_with_its_readings(age_s):
+    """By the differences r is far from s, by a range beside it."""
+    places_m = {'a': (0.0, 0.0), 'b': (10.0, 0.0), 'c': (0.0, 10.0)}
+    localizer, stamp_s, forgotten = new_localizer('rs', places_m), NOW_S - age_s, []
+    away_m = [math.dist(place_m, (3.0, 3.0)) for place_m in places_m.values()]
+    add_ranges(localizer, 's', (8.0, 8.0), places_m, stamp_s)
+    localizer.add_range('r', 's', 1.0, stamp_s, stamp_s)
+    for time_s in (NOW_S, NOW_S + 0.1):
+        add_odometry(localizer, 'r', np.zeros(3), time_s)
+        add_odometry(localizer, 's', np.zeros(3), time_s)
+        for end, far_m in zip('bc' if time_s == NOW_S else '', away_m[1:], strict=False):
+            localizer.add_range_difference('r', 'a', end, far_m - away_m[0], stamp_s, stamp_s)
+        forgotten.append([one.text for one in localizer.step(time_s).forgotten])
+    assert forgotten == [['what was measured before contradicts what is measured now'], []]
+
+
 def test_differences_that_contradict_themselves_are_left_out():
     listener = Listener()
     listener.run(4.0)

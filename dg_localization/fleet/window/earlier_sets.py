@@ -160,7 +160,7 @@ class EarlierSets:
                     self._sets[pair] = tuple(
                         one
                         for one in known
-                        if one.since_s >= item.before_s or one.stamp_s <= item.after_s
+                        if one.since_s > item.before_s or one.stamp_s <= item.after_s
                     )
 
 
