@@ -5,14 +5,11 @@
 
 import ast
 import graphlib
-from pathlib import Path
 import re
 from xml.etree import ElementTree
 
-from plain_python import run_python
+from plain_python import REPOSITORY, run_python
 import pytest
-
-REPOSITORY = Path(__file__).parents[1]
 
 # For each room of the project those that it may import besides itself; '' is the package itself.
 ROOMS_BELOW = {

@@ -6,7 +6,6 @@
 from importlib import import_module
 from itertools import pairwise
 import os
-from pathlib import Path
 import re
 import runpy
 import subprocess
@@ -17,14 +16,13 @@ from xml.etree import ElementTree
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
-from plain_python import run_python
+from plain_python import REPOSITORY, run_python
 import pytest
 import setuptools
 import yaml
 
 from dg_localization.optional import install_hint
 
-REPOSITORY = Path(__file__).parents[1]
 ROOMS = ('dg_localization', 'msg_adapters')
 SOURCES = [path for room in ROOMS for path in (REPOSITORY / room).rglob('*.py')]
 FOLDER = REPOSITORY / 'requirements'

@@ -24,13 +24,13 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped  # noqa: E402
 from lifecycle_msgs.srv import ChangeState, GetState  # noqa: E402
-from processes import start  # noqa: E402
+from processes import LATCHED, start  # noqa: E402
 import rclpy  # noqa: E402
 from rclpy.context import Context  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
-from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data  # noqa: E402
+from rclpy.qos import qos_profile_sensor_data  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 from std_msgs.msg import ByteMultiArray  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
@@ -49,7 +49,6 @@ from msg_adapters import (  # noqa: E402
     registry,
 )
 
-LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 TRIANGLE = {('robot_1', 'robot_2'): 3.0, ('robot_1', 'robot_3'): 4.0, ('robot_2', 'robot_3'): 5.0}
 DEADLINE_S = 60.0
 SEND_PERIOD_S = 0.1

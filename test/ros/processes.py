@@ -5,15 +5,16 @@
 
 from functools import partial
 import os
-from pathlib import Path
 import subprocess
 import sys
 import time
 
+from plain_python import REPOSITORY
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
-REPOSITORY = Path(__file__).parents[2]
 COMMAND = (sys.executable, '-m', 'dg_localization.ros')
+LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 PIPES = {'stdout': subprocess.PIPE, 'stderr': subprocess.PIPE}
 
 

@@ -10,11 +10,11 @@ new answers are meant, DG_WRITE_GOLDEN=1 writes them.
 
 import json
 import os
-from pathlib import Path
 
 import convert_lias
 import convert_mrclam
 import numpy as np
+from processes import REPOSITORY
 import pytest
 from recorder import Recorder
 from small_bags import read
@@ -22,7 +22,6 @@ from small_bags import read
 from benchmarks import beside
 from dg_localization.ros.executables import localize_bag
 
-REPOSITORY = Path(__file__).parents[2]
 GOLDEN = REPOSITORY / 'test/golden/answers.json'
 # Stamps of 0 count as not filled in.
 START_S = 1_000_000.0

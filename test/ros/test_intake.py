@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import partial
 import math
 
+from hostile_messages import BEARING, CAMERA_INFO, CLOUD, ODOMETRY, RANGE
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
@@ -42,8 +43,6 @@ from msg_adapters import (
 )
 
 NOW_S = 10.0
-RANGE, BEARING = 'sensor_msgs/msg/Range', 'geometry_msgs/msg/Vector3Stamped'
-CLOUD, CAMERA_INFO = 'sensor_msgs/msg/PointCloud2', 'sensor_msgs/msg/CameraInfo'
 TEXT = 'std_msgs/msg/String'
 RANGES, CLOUDS = f'/a/range/b {RANGE} a b', f'/a/peers {CLOUD} a'
 AB = LinkKey(LinkKind.RANGE, 'a', 'b')
@@ -154,7 +153,7 @@ def test_the_frame_of_odometry_has_no_slash_at_the_beginning():
     message.header.frame_id = '/a/odom'
     message.pose.pose.orientation.w = 1.0
     localizer, intake = make_intake()
-    assert take(intake, '/a/odom nav_msgs/msg/Odometry a', message) == (None, None)
+    assert take(intake, f'/a/odom {ODOMETRY} a', message) == (None, None)
     assert intake.bodies == {'a': 'a/base_link'}
     assert localizer.snapshot(NOW_S).motion.odometry['a'][-1].frame == 'a/odom'
 
@@ -381,9 +380,6 @@ def test_a_camera_and_its_detections_turn_a_fleet(bench, make_node, text_message
     bench.until(is_there, 'one placement, turned by the camera')
     bench.until_status('input camera robot_1', Level.OK, 'in use')
     bench.until_status('input peers robot_1', Level.OK, 'in use')
-
-
-ODOMETRY = 'nav_msgs/msg/Odometry'
 
 
 def make_finder(**values):

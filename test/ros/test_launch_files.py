@@ -23,14 +23,12 @@ import sys
 from types import ModuleType, SimpleNamespace
 
 from geometry_msgs.msg import PoseArray
-from processes import start
+from processes import LATCHED, REPOSITORY, start
 import pytest
-from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from dg_localization.ros.executables import EXECUTABLES
 from dg_localization.ros.simulation.simulate_fleet import PARAMETERS
 
-REPOSITORY = Path(__file__).parents[2]
 LAUNCH = REPOSITORY / 'launch'
 FILES = sorted(LAUNCH.glob('*.launch.py'))
 REQUIRED = {
@@ -231,7 +229,6 @@ def test_launch_reads_the_files(path):
 
 FLEETS = {'left': ('true', 1), 'right': ('false', 16)}
 N_ROBOTS = 6
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DEADLINE_S = 120.0
 
 

@@ -13,7 +13,7 @@ from estimates import half_widths_of
 from geometry_msgs.msg import Point, PointStamped
 from nav_msgs.msg import Odometry
 import numpy as np
-from processes import PIPES, start, wait_for
+from processes import PIPES, REPOSITORY, start, wait_for
 import pytest
 from rclpy.serialization import serialize_message
 from small_bags import (
@@ -37,7 +37,6 @@ from dg_localization.ros.bags.offline import BagLocalizer, read_task
 from dg_localization.simulation.moving_fleet import ROBOTS
 from msg_adapters import Level, OdometryReading, PeersReading, adapter_for
 
-REPOSITORY = Path(__file__).parents[2]
 ELEVATION, CLOUD = 'geometry_msgs/msg/PointStamped', 'sensor_msgs/msg/PointCloud2'
 
 

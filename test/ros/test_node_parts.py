@@ -12,9 +12,8 @@ import time
 from unittest.mock import Mock, call
 
 from plain_python import run_python
-from processes import Listener, wait_for
+from processes import LATCHED, Listener, wait_for
 import pytest
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, Range
 
 from dg_localization.ros.interface.diagnostics import TOLERATED_RATE
@@ -272,8 +271,7 @@ def test_every_message_of_every_topic_is_taken_once(node):
 
 
 def test_the_matrix_that_a_camera_published_before_the_start_is_taken(node):
-    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    node.create_publisher(CameraInfo, '/a/info', latched).publish(CameraInfo())
+    node.create_publisher(CameraInfo, '/a/info', LATCHED).publish(CameraInfo())
     taken = []
     given = {'robots': POINTS, 'links': ['/a/info sensor_msgs/msg/CameraInfo a']}
     inputs = Inputs(node, settings_from(check_values(given)), lambda *one: taken.append(one))

@@ -3,14 +3,13 @@
 
 """The executable `replay`: small bags written here."""
 
-from pathlib import Path
 import signal
 import time
 
 import processes
-from processes import Listener
+from processes import REPOSITORY, Listener
 import pytest
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Range
@@ -19,7 +18,6 @@ from std_msgs.msg import String
 
 from dg_localization.ros import executables
 
-REPOSITORY = Path(__file__).parents[2]
 COUNT = 10
 STRING, CLOCK = 'std_msgs/msg/String', 'rosgraph_msgs/msg/Clock'
 
@@ -113,8 +111,7 @@ def test_a_latched_topic_reaches_a_late_subscriber(small_bag, node):
         pass
     assert 'no subscriber within 0.2 s' in line
     time.sleep(1.0)
-    qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    listener = Listener(node, {'/name': (String, qos)})
+    listener = Listener(node, {'/name': (String, processes.LATCHED)})
     listener.spin_until(lambda: listener.received)
     process.terminate()
     process.communicate(timeout=60)

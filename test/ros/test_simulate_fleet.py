@@ -4,10 +4,9 @@
 """The executable `simulate_fleet`, over real topics and as a process."""
 
 from collections import Counter
-from pathlib import Path
 
 from geometry_msgs.msg import PoseArray
-from processes import Listener
+from processes import REPOSITORY, Listener
 import pytest
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
@@ -21,7 +20,6 @@ from dg_localization.ros.simulation.simulate_fleet import (
 )
 from dg_localization.simulation import moving_fleet as simulation
 
-REPOSITORY = Path(__file__).parents[2]
 DEFAULTS = {name: spec.default for name, spec in PARAMETERS.items()}
 
 

@@ -4,10 +4,10 @@
 """The configurations of RViz and Foxglove against the outputs of the node; and the markers."""
 
 import json
-from pathlib import Path
 
 from estimates import AS_MAP
 import numpy as np
+from processes import REPOSITORY
 import pytest
 from rclpy.serialization import deserialize_message
 from visualization_msgs.msg import MarkerArray
@@ -17,7 +17,6 @@ from dg_localization.fleet import Localizer
 from dg_localization.ros.interface.outputs import DIAGNOSTICS, estimate_messages, estimate_outputs
 from dg_localization.ros.interface.parameters.settings import check_values, settings_from
 
-REPOSITORY = Path(__file__).parents[2]
 RVIZ = yaml.safe_load((REPOSITORY / 'config/localizer.rviz').read_text(encoding='utf-8'))
 FOXGLOVE = json.loads((REPOSITORY / 'config/foxglove_layout.json').read_text(encoding='utf-8'))
 PAPER_FLEET = REPOSITORY / 'config/paper_fleet.yaml'
