@@ -12,7 +12,7 @@ import pytest
 
 from benchmarks.problems import fleet_placements
 from dg_localization.fleet.rotations import yaw_of
-from msg_adapters import Level, adapter_for
+from msg_adapters import Level
 
 CONFIG = 'config/paper_fleet.yaml'
 # Ranges known to 1 %, so that the eight solutions are far apart.
@@ -25,7 +25,6 @@ SHARP = (
     *('-p', 'max_turn_rate:=0.05'),
 )
 REFERENCE = 1
-poses_from_message = adapter_for('geometry_msgs/msg/PoseArray').from_message
 
 
 @pytest.fixture(scope='module')

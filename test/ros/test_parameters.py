@@ -12,11 +12,11 @@ from contextlib import suppress
 from dataclasses import replace
 import math
 import os
-from pathlib import Path
 from random import Random
 import re
 
 from hostile_messages import FLOATS
+from processes import REPOSITORY
 import pytest
 from rclpy.node import Node
 import yaml
@@ -31,7 +31,6 @@ from dg_localization.ros.interface.parameters.settings import (
 from dg_localization.ros.interface.parameters.spec import LIST_TEXTS, WrongParameterError
 from dg_localization.ros.interface.parameters.table import OWN, TABLE, named_specs
 
-REPOSITORY = Path(__file__).parents[2]
 CONFIG = REPOSITORY / 'config'
 ROBOTS = {'robots': ['a', 'b', 'c']}
 NAMED = {
@@ -88,13 +87,6 @@ def given_in(text):
 def same(value, other):
     """Return whether two values are equal, NaN too."""
     return value == other or (value != value and other != other)
-
-
-@pytest.mark.parametrize('name, spec', TABLE.items(), ids=TABLE)
-def test_default_is_allowed_and_descriptor_can_be_made(name, spec):
-    assert same(spec.check(name, spec.default), spec.default)
-    descriptor = spec.descriptor()
-    assert spec.description in descriptor.description and spec.unit in descriptor.description
 
 
 @pytest.mark.parametrize('name, spec', [*TABLE.items(), *OWN.items()], ids=[*TABLE, *OWN])
