@@ -103,6 +103,8 @@ def agrees_closely(problem, positions):
         # Broken triangles.
         ({(0, 1): (1, 1), (1, 2): (1, 1), (0, 2): (9, 9.1)}, 2, {}),
         ({(0, 1): (4, 5), (1, 2): (0, 0), (0, 2): (1, 3)}, 2, {}),
+        # What is at one place is not apart.
+        ({(0, 1): (0, 0), (1, 2): (0, 0), (0, 2): (1, np.inf)}, 2, {}),
         # Four points all one apart exist in space, not in the plane.
         (HINGED | {(2, 3): (1, 1)}, 2, {}),
         # Three points one apart exist in the plane, not on the line.
