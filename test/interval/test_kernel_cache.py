@@ -3,13 +3,11 @@
 
 """Compiled kernels are kept, dated by their sources, and only where no other user can write."""
 
+from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 import json
-import os
-from pathlib import Path
-import subprocess
-import sys
 
+from plain_python import REPOSITORY, run_python
 import pytest
 
 from dg_localization.interval import kernel_cache
@@ -17,7 +15,6 @@ from dg_localization.interval.kernel_cache import open_folder
 
 pytest.importorskip('numba', reason='numba is not installed')
 
-REPOSITORY = Path(__file__).parents[2]
 SOURCE = """
 from dg_localization.interval.kernels import kernel
 
@@ -52,27 +49,16 @@ class Tiny:
         self.module = folder / 'tiny.py'
         self.module.write_text(SOURCE)
         self.environment = {
-            **os.environ,
             'PYTHONPATH': f'{folder}:{REPOSITORY}',
             'NUMBA_CACHE_DIR': str(self.cache),
             'NUMBA_DISABLE_JIT': '0',
         }
 
-    def start(self, *kinds):
-        return subprocess.Popen(
-            [sys.executable, '-c', RUN, *kinds],
-            env=self.environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-
     def run(self, *kinds):
         """Return the answers, how many kernels were loaded and compiled, and any refusal."""
-        process = self.start(*kinds)
-        output, errors = process.communicate(timeout=200.0)
-        assert process.returncode == 0, errors
-        return json.loads(output)
+        done = run_python(RUN, *kinds, **self.environment)
+        assert done.returncode == 0, done.stderr
+        return json.loads(done.stdout)
 
     def entries(self, pattern):
         return sorted(self.cache.rglob(pattern))
@@ -106,11 +92,9 @@ def test_damaged_entry_is_rebuilt(tiny):
 def test_processes_may_start_at_once(tiny):
     # Numba alone would let two of them give one name to different machine code.
     kinds = ['f8', 'f4', 'i8']
-    started = [tiny.start(*kinds[n:], *kinds[:n]) for n in range(3)]
-    for process in started:
-        output, errors = process.communicate(timeout=200.0)
-        assert process.returncode == 0, errors
-        assert json.loads(output)[0] == [6.0] * 3
+    with ThreadPoolExecutor(3) as pool:
+        found = pool.map(lambda n: tiny.run(*kinds[n:], *kinds[:n]), range(3))
+        assert [answers for answers, *_ in found] == [[6.0] * 3] * 3
     assert tiny.run(*kinds) == [[6.0] * 3, 3, 0, '']
 
 
@@ -128,9 +112,8 @@ def test_folder_that_others_may_write_to_is_refused(tiny):
 
 @pytest.mark.parametrize('place', ['/proc/nobody', '/dev/null'])
 def test_no_place_for_a_cache_is_no_crash(tiny, place):
-    del tiny.environment['NUMBA_CACHE_DIR']
-    tiny.environment.pop('XDG_CACHE_HOME', None)
-    tiny.environment['HOME'] = place
+    # As if they were not set.
+    tiny.environment |= {'NUMBA_CACHE_DIR': '', 'XDG_CACHE_HOME': '', 'HOME': place}
     answers, loaded, compiled, refusal = tiny.run()
     assert (answers, loaded, compiled) == ([6.0], 0, 1)
     assert 'compiled kernels cannot be kept' in refusal and place in refusal
