@@ -259,37 +259,29 @@ def test_where_samples_are_missing_the_robot_may_be_as_far_as_its_limits_allow()
     assert np.all(widths_m[[0, 1, 3]] < 1e-6)
 
 
-def config_of(speed, turn_rate, dimension=3, **errors):
-    return FleetConfig(
+def motion_of(*readings, speed=1e9, turn_rate=1.0, dimension=3, **errors):
+    config = FleetConfig(
         ('a',),
         dimension=dimension,
         max_speed_m_s=speed,
         max_turn_rate_rad_s=turn_rate,
-        odometry_error=OdometryErrorModel(**errors),
+        odometry_error=OdometryErrorModel(**{'max_gap_s': math.inf, **errors}),
         memory_s=1e9,
     )
-
-
-def track_of(config, readings):
     track = OdometryTrack(config, 'a')
     for reading in readings:
         track.append(reading)
-    return track
-
-
-def motion_of(*readings, speed=1e9, turn_rate=1.0, **errors):
-    config = config_of(speed, turn_rate, 3, **{'max_gap_s': math.inf, **errors})
-    return Motion(config, {'a': track_of(config, readings).readings})
+    return Motion(config, {'a': track.readings})
 
 
 @pytest.mark.parametrize('far_m', [0.0, 1e6, 5e6, -7e8])
 def test_a_robot_at_its_limit_far_from_the_origin_does_not_restart_its_odometry(far_m):
     """Rounding of large coordinates, such as those of UTM, looks like faster steps."""
-    track = OdometryTrack(config_of(0.5, 1.0), 'a')
+    samples = []
     for number in range(100):
         position_m = np.array([far_m + 0.05 * number, 0.0, 0.0])
-        track.append(OdometrySample(100.0 + 0.1 * number, position_m, np.eye(3), 'odom'))
-    assert len(track.readings) == 100
+        samples.append(OdometrySample(100.0 + 0.1 * number, position_m, np.eye(3), 'odom'))
+    assert len(motion_of(*samples, speed=0.5).odometry['a']) == 100
 
 
 @pytest.mark.parametrize('seed', range(50))
@@ -337,8 +329,7 @@ def test_displacements_have_the_constant_errors_of_both_ends():
 def test_the_turn_of_a_body_that_pitches_is_that_of_its_heading(pitch_rad):
     """A robot on a ramp turns about its own axis: its heading turns by more, and errs by that."""
     before, after = (attitude(0.0, pitch_rad) @ attitude(angle) for angle in (-0.25, 0.25))
-    config = config_of(1e9, 1e9, 2, rotation_per_rad=0.1)
     readings = [OdometrySample(1.0, np.zeros(3), before), OdometrySample(2.0, np.zeros(3), after)]
-    motion = Motion(config, {'a': track_of(config, readings).readings})
+    motion = motion_of(*readings, turn_rate=1e9, dimension=2, rotation_per_rad=0.1)
     first_rad, last_rad = (np.arctan2(turn[1, 0], turn[0, 0]) for turn in (before, after))
     assert motion.turn('a', 1.0, 2.0)[1] >= 0.1 * (last_rad - first_rad)

@@ -12,6 +12,7 @@ from histories import History
 import numpy as np
 import pytest
 from sensing import add_odometry, add_ranges, new_localizer
+from test_frames import make_localizer, range_pairs
 from test_pieces import TWO_FOURS_M, strip_m
 
 from dg_localization import SolverOptions
@@ -29,16 +30,9 @@ def within(*bodies):
 
 def localizer_of(places, pairs, **settings):
     """Return a localizer that knows the distances of some pairs to 0.1 %."""
-    defaults = {
-        'robots': tuple(places),
-        'max_speed_m_s': 0.0,
-        'max_turn_rate_rad_s': 0.0,
-        'range_error': (0.0, 0.0, -1e-3, 1e-3),
-        'solver': {'resolution': 0.05, 'max_boxes': 200},
-    }
-    localizer = new_localizer(**{**defaults, **settings})
-    for first, second in pairs:
-        add_ranges(localizer, first, places[first], {second: places[second]}, NOW_S)
+    defaults = {'robots': places, 'range_error': (0.0, 0.0, -1e-3, 1e-3)}
+    localizer = make_localizer(**{**defaults, **settings})
+    range_pairs(localizer, places, pairs)
     return localizer
 
 
