@@ -18,7 +18,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from dg_localization.fleet.best_point.least_squares import (
     Bodies,
@@ -64,6 +64,20 @@ square of at least `FEW` residuals exceeds the second."""
 
 NEAREST_M = 0.1
 """A nearer target may be seen in any direction after a small motion of its observer."""
+
+
+class _Readings(NamedTuple):
+    """Observations between moving robots and of landmarks."""
+
+    seen: Table
+    bodies: IntArray  # (m, 2): of the observers and the targets
+    arms_m: FloatArray  # (m, 2, 2): of both
+    places_m: FloatArray  # (m, 2): of the references of range differences
+
+    def where(self, chosen: ArrayLike) -> _Readings:
+        """Return the chosen readings."""
+        (seen, bodies, arms_m, places_m), index = self, np.flatnonzero(chosen)
+        return _Readings(seen.some(index), bodies[index], arms_m[index], places_m[index])
 
 
 class _End(NamedTuple):
@@ -207,7 +221,7 @@ def past_of(
     out.
     """
     config, rows, odometry = snapshot.config, solved.rows, snapshot.motion.odometry
-    if config.dimension != 2 or not snapshot.window.observations:
+    if config.dimension != 2 or not snapshot.carried.tables:
         return None
     moving = [
         robot
@@ -223,9 +237,9 @@ def past_of(
         return None
     oldest_s = snapshot.stamp_s - span_s
     ways = {robot: StatedWay(snapshot, robot, oldest_s, rows[robot]) for robot in moving}
-    table = _readings(snapshot, solved, ways, start)
-    is_moving = np.isin(table[:, :2], [way.row for way in ways.values()])
-    of_anchors = table[~is_moving.all(axis=1)]
+    readings = _readings(snapshot, solved, ways, start)
+    is_moving = np.isin(readings.bodies, [way.row for way in ways.values()])
+    of_anchors = readings.where(~is_moving.all(axis=1))
     known = []
     for way in ways.values():
         laid: Bodies | None = start
@@ -235,22 +249,22 @@ def past_of(
             start = laid
             known.append(way)
     left_out = [way.row for way in ways.values() if way not in known]
-    table = table[~np.isin(table[:, :2], left_out).any(axis=1)]
-    if not len(table):
+    readings = readings.where(~np.isin(readings.bodies, left_out).any(axis=1))
+    if not len(readings.bodies):
         return None
     count = max(1, min(math.ceil(span_s / SPACING_S), 2 * MOST_BODIES // len(known)))
     for number, way in enumerate(known):
         way.place_bodies(len(solved.points) + count * number, count)
-    ends_of_all, steps = _ends(table, known), [way.steps() for way in known]
-    observed = np.unique(table[:, 11:13].astype(int), axis=0)
+    ends_of_all, steps = _ends(readings, known), [way.steps() for way in known]
+    observed = np.unique(readings.seen.ends, axis=0)
     return Past(
-        Terms.joined([*_packed(table, ends_of_all), *steps]).variant(0),
+        Terms.joined([*_packed(readings, ends_of_all), *steps]).variant(0),
         np.repeat([way.row for way in known], count),
         np.concatenate([way.poses_now(way.times_s[1:]) for way in known]),
         start,
         frozenset((config.points[o], config.points[t]) for o, t in observed.tolist()),
         tuple(
-            Terms.joined([*_packed(*_by_errors(way, table, ends_of_all)), own_steps])
+            Terms.joined([*_packed(*_by_errors(way, readings, ends_of_all)), own_steps])
             for way, own_steps in zip(known, steps, strict=True)
         ),
         tuple(way.constants() for way in known),
@@ -259,19 +273,10 @@ def past_of(
 
 def _readings(
     snapshot: Snapshot, solved: Constraints, ways: Mapping[str, StatedWay], start: Bodies
-) -> FloatArray:
-    """
-    Return the observations between moving robots and of landmarks, shape (m, 17).
-
-    A row holds the bodies of observer and target, the time, the likeliest distance and its half
-    width, the bearing and its error, the arms of both ends, the points observer and target, the
-    place of the reference of a range difference, and the bounds of the difference. Missing values
-    are NaN or infinite. Range differences count where they are of two anchors in the plane.
-    """
-    config, arms, tables = snapshot.config, snapshot.mounts.arms_m, snapshot.carried.tables
-    if not tables:
-        return np.empty((0, 17))
-    seen = Table.joined(tables.values())
+) -> _Readings:
+    """Return the readings of some robots; range differences count if of anchors in the plane."""
+    config, arms = snapshot.config, snapshot.mounts.arms_m
+    seen = Table.joined(snapshot.carried.tables.values())
     fixed = config.anchors.keys() & solved.rows.keys()
     robots = [config.robot_of(point) for point in config.points]
     rows = np.array(
@@ -289,31 +294,14 @@ def _readings(
     kept[seen.differences] &= usable[seen.differences]
     seen, bodies, references = seen.some(np.flatnonzero(kept)), bodies[kept], references[kept]
     arms_m = np.array([arms.get(point, AT_ORIGIN)[:2] for point in config.points])[seen.ends]
-    # A ray with an error of a half turn or more measures nothing.
-    bearings_rad = np.arctan2(seen.rays[:, 1], seen.rays[:, 0]) - seen.expected_errors_rad
-    bearings_rad[seen.errors_rad >= math.pi] = math.nan
-    return np.column_stack(
-        [
-            bodies,
-            seen.stamps_s,
-            seen.likeliest_m,
-            0.5 * (seen.upper_m - seen.lower_m),
-            bearings_rad,
-            seen.errors_rad,
-            arms_m.reshape(-1, 4),
-            seen.ends,
-            start.positions_m[references, :2],
-            seen.least_m,
-            seen.most_m,
-        ]
-    )
+    return _Readings(seen, bodies, arms_m, start.positions_m[references, :2])
 
 
 def _by_errors(
-    way: StatedWay, table: FloatArray, ends: Sequence[_End]
-) -> tuple[FloatArray, list[_End]]:
+    way: StatedWay, readings: _Readings, ends: Sequence[_End]
+) -> tuple[_Readings, list[_End]]:
     """Return the readings of a robot, and their ends with errors of its own odometry only."""
-    own = table[:, :2].T == way.row
+    own = readings.bodies.T == way.row
     mine = own.any(axis=0)
     erring = [
         _End(
@@ -324,54 +312,57 @@ def _by_errors(
         )
         for end, on_way in zip(ends, own, strict=True)
     ]
-    return table[mine], erring
+    return readings.where(mine), erring
 
 
-def _packed(table: FloatArray, ends: Sequence[_End]) -> list[Terms]:
-    """Return terms for the readings of a table from `_readings`."""
-    distances_m, half_widths_m, bearings_rad, errors_rad = table[:, 3:7].T.copy()
-    first, second = ends
+def _packed(readings: _Readings, ends: Sequence[_End]) -> list[Terms]:
+    """Return terms for readings."""
+    (first, second), seen = ends, readings.seen
+    distances_m, half_widths_m = seen.likeliest_m, 0.5 * (seen.upper_m - seen.lower_m)
+    bearings_rad = np.arctan2(seen.rays[:, 1], seen.rays[:, 0]) - seen.expected_errors_rad
     unknown_m = first.unknown[:, 0] + second.unknown[:, 0]
     apart_m = np.where(np.isfinite(distances_m), distances_m, np.inf)
     unknown_rad = first.unknown[:, 1] + unknown_m / np.maximum(apart_m, NEAREST_M)
     bodies = np.stack([first.bodies, second.bodies], axis=-1)
     arms_m = np.zeros((VARIANTS, len(bodies), 2, 3))
-    for end, columns in enumerate((slice(7, 9), slice(9, 11))):
-        arms_m[:, :, end, :2] = _points_on(ends[end].poses, table[:, columns])
+    for number, end in enumerate(ends):
+        arms_m[:, :, number, :2] = _points_on(end.poses, readings.arms_m[:, number])
     values = np.zeros((VARIANTS, len(bodies), 3))
     values[..., 0] = distances_m
     rays = directions(first.poses[..., 2] + bearings_rad)
     ranged = np.isfinite(distances_m) & np.isfinite(half_widths_m)
-    # The orientation of fixed points is unknown.
-    sighted = np.isfinite(bearings_rad) & first.moves
-    heard = np.isfinite(table[:, 16])
-    least_m, most_m = np.where(heard, table[:, 15:].T, 0.0)
+    # A ray with an error of a half turn or more measures nothing, nor does one of a fixed point,
+    # whose orientation is unknown.
+    sighted = (seen.errors_rad < math.pi) & first.moves
+    heard = np.isfinite(seen.most_m)
+    least_m, most_m = np.where(heard, [seen.least_m, seen.most_m], 0.0)
     differences = np.zeros_like(values)
-    differences[..., :2], differences[..., 2] = table[:, 13:15], 0.5 * (least_m + most_m)
+    differences[..., :2], differences[..., 2] = readings.places_m, 0.5 * (least_m + most_m)
     return [
         packed(kind, bodies[known], arms_m[:, known], value[:, known], half_widths[known])
         for kind, known, value, half_widths in (
             (RANGE, ranged, values, half_widths_m + unknown_m),
-            (RAY, sighted, rays, errors_rad + unknown_rad),
+            (RAY, sighted, rays, seen.errors_rad + unknown_rad),
             (DIFFERENCE, heard, differences, 0.5 * (most_m - least_m) + unknown_m),
         )
     ]
 
 
-def _ends(table: FloatArray, ways: Iterable[StatedWay]) -> list[_End]:
+def _ends(readings: _Readings, ways: Iterable[StatedWay]) -> list[_End]:
     """
-    Return the ends of the observers and of the targets of a table.
+    Return the ends of the observers and of the targets of readings.
 
     A fixed point is the same body at all times.
     """
     found = []
-    for rows in table[:, :2].T.astype(int):
+    stamps_s = readings.seen.stamps_s
+    for rows in readings.bodies.T:
         count = len(rows)
         poses, unknown = np.zeros((VARIANTS, count, 3)), np.zeros((count, 2))
         end = _End(rows.copy(), poses, unknown, np.zeros(count, bool))
         for way in ways:
             if (own := rows == way.row).any():
-                end.bodies[own], end.poses[:, own], end.unknown[own] = way.ends(table[own, 2])
+                end.bodies[own], end.poses[:, own], end.unknown[own] = way.ends(stamps_s[own])
                 end.moves[own] = True
         found.append(end)
     return found
@@ -385,7 +376,7 @@ def _points_on(poses: FloatArray, arms_m: FloatArray) -> FloatArray:
 
 
 def _laid_on_map(
-    way: StatedWay, readings: FloatArray, start: Bodies, yaw_rad: float | None
+    way: StatedWay, readings: _Readings, start: Bodies, yaw_rad: float | None
 ) -> Bodies | None:
     """
     Return a start with one robot at the pose that fits its readings of anchors best.
@@ -398,8 +389,8 @@ def _laid_on_map(
         rotations = start.rotations.copy()
         rotations[way.row] = turn
         turned.append(replace(start, rotations=rotations))
-    own = readings[(readings[:, :2] == way.row).any(axis=1)]
-    if not len(own):
+    own = readings.where((readings.bodies == way.row).any(axis=1))
+    if not len(own.bodies):
         return None if yaw_rad is None else turned[0]
     way.place_bodies(way.row, 0)
     terms = Terms.joined(_packed(own, _ends(own, [way]))).variant(0)
