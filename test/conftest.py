@@ -62,18 +62,3 @@ def pytest_configure(config):
     # Kept for the life of the process: the claim ends with it.
     config.ros_domain = runpy.run_path(str(REPOSITORY / 'dg_localization/ros/domain.py'))
     config.ros_domain['claim_domain']()
-
-
-@pytest.fixture(scope='session')
-def compiled_kernels():
-    """Compile the kernels into the cache that the nodes started by tests read them from."""
-    from dg_localization.fleet import warm_up
-
-    warm_up()
-
-
-@pytest.fixture(autouse=True)
-def _nodes_answer_in_time(request):
-    # Compiling takes longer than a test of a node waits for an answer.
-    if 'ros' in request.path.relative_to(REPOSITORY).parts:
-        request.getfixturevalue('compiled_kernels')

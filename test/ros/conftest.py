@@ -6,15 +6,13 @@
 from dataclasses import replace
 from functools import partial
 import gc
-from importlib.util import find_spec
 import json
 import math
 from pathlib import Path
 import signal
 import subprocess
-import sys
 import time
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -32,7 +30,6 @@ from rclpy.node import Node  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.qos import qos_profile_sensor_data  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
-from std_msgs.msg import ByteMultiArray  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
@@ -83,6 +80,12 @@ class PaperFleet:
 @pytest.fixture(scope='session')
 def paper_fleet():
     return PaperFleet()
+
+
+@pytest.fixture(scope='session', autouse=True)
+def _compiled_kernels():
+    """Compile the kernels into the cache, which takes longer than a test waits for an answer."""
+    warm_up()
 
 
 @pytest.fixture(scope='module', autouse=True)
@@ -315,11 +318,8 @@ class LocalizerProcess:
         """Signal the process, and return its exit code and all it printed."""
         if self.process.poll() is None:
             self.process.send_signal(number)
-        return self.wait(), self.output()
-
-    def wait(self):
         try:
-            return self.process.wait(timeout=DEADLINE_S)
+            return self.process.wait(timeout=DEADLINE_S), self.output()
         except subprocess.TimeoutExpired:
             self.process.kill()
             pytest.fail(f'the localizer did not end within {DEADLINE_S} s: {self.output()}')
@@ -396,15 +396,3 @@ def adapt(monkeypatch):
         register(replace(adapter_for(type_name), from_message=from_message))
 
     return adapt
-
-
-@pytest.fixture
-def transform_class(monkeypatch):
-    """Return the class of the message; without tf2_msgs one to send the same bytes with."""
-    if find_spec('tf2_msgs') is None:
-        for name in ('tf2_msgs', 'tf2_msgs.msg'):
-            monkeypatch.setitem(sys.modules, name, ModuleType(name))
-        monkeypatch.setattr(
-            sys.modules['tf2_msgs.msg'], 'TFMessage', ByteMultiArray, raising=False
-        )
-    return sys.modules['tf2_msgs.msg'].TFMessage

@@ -5,10 +5,13 @@
 
 from importlib.util import find_spec
 import math
+import sys
+from types import ModuleType
 
 from estimates import placement_at
 import numpy as np
 import pytest
+from std_msgs.msg import ByteMultiArray
 
 from dg_localization.fleet import Estimate, FixedFrame, FleetConfig, FrameKind, OdometryErrorModel
 from dg_localization.fleet.motion import Motion
@@ -135,8 +138,18 @@ def test_a_package_that_is_missing_is_named(make_node):
 
 
 @pytest.fixture
-def heard(bench, transform_class):
-    """Return the transforms on /tf, message by message, newest last."""
+def heard(bench, monkeypatch):
+    """
+    Return the transforms on /tf, message by message, newest last.
+
+    Without tf2_msgs the same bytes are sent with another class.
+    """
+    if find_spec('tf2_msgs') is None:
+        for name in ('tf2_msgs', 'tf2_msgs.msg'):
+            monkeypatch.setitem(sys.modules, name, ModuleType(name))
+        messages = sys.modules['tf2_msgs.msg']
+        monkeypatch.setattr(messages, 'TFMessage', ByteMultiArray, raising=False)
+    transform_class = sys.modules['tf2_msgs.msg'].TFMessage
     typesys = pytest.importorskip('rosbags.typesys', reason='rosbags is not installed')
     store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
     found = []
