@@ -124,32 +124,13 @@ ERROR = OdometryErrorModel(
 FLIGHT_S = 12.0
 
 
-def fly(seed, *, memory_s=15.0, **kind):
-    """Play a flight among four anchors; return the last answer."""
-    kind |= {'dimension': 3, 'error': ERROR, 'memory_s': memory_s}
-    history = History.draw(seed, 2, 4, FLIGHT_S, **kind)
-    return play_without_a_loss(history, np.arange(1.0, FLIGHT_S))
-
-
 @pytest.mark.parametrize('steepest_rad', [0.3, 1.2, 1.57])
 @pytest.mark.parametrize('seed', range(2))
 def test_no_pose_is_lost_by_rays_of_tilted_cameras(seed, steepest_rad):
     """Near a pitch of 90 degrees roll and yaw are not told apart, and nothing is claimed."""
-    fly(seed, steepest_rad=steepest_rad, cameras=True)
-
-
-def test_positions_are_sharper_and_headings_known():
-    of_memory, of_moment = (
-        fly(1, memory_s=memory_s, steepest_rad=0.3, cameras=False) for memory_s in (15.0, 0.0)
-    )
-    widths = [
-        np.max([np.ptp(p.enclosure_m, axis=1) for p in e.placements], axis=0)
-        for e in (of_memory, of_moment)
-    ]
-    assert np.all(widths[0][:, :2] < 1.5) and np.all(widths[0] < 0.6 * widths[1])
-    (placement,) = of_memory.placements
-    assert placement.heading_known.all() and np.all(placement.heading_half_width_rad < 1.0)
-    assert not any(p.heading_known.any() for p in of_moment.placements)
+    kind = {'dimension': 3, 'error': ERROR, 'memory_s': 15.0, 'cameras': True}
+    history = History.draw(seed, 2, 4, FLIGHT_S, steepest_rad=steepest_rad, **kind)
+    play_without_a_loss(history, np.arange(1.0, FLIGHT_S))
 
 
 WHOLE_S = np.arange(1.0, 6.0, 1.0)
@@ -324,12 +305,13 @@ def test_an_estimate_that_fails_changes_nothing(history, monkeypatch):
 
 def test_the_estimate_of_a_snapshot_from_before_a_reset_changes_nothing(history, monkeypatch):
     localizer, undisturbed = Localizer(history.config), Localizer(history.config)
-    for time_s, _ in history.play(localizer, TICKS_S):
-        snapshot = localizer.snapshot(history.start_s + time_s)
+    for time_s, estimate in history.play(localizer, TICKS_S):
+        snapshot, before = localizer.snapshot(history.start_s + time_s), known_of(estimate)
     localizer.reset()
     assert estimate_by(localizer, snapshot, monkeypatch, forgetting).forgotten
     # The clock was set back: it all happens once more.
     anew = zip(history.play(localizer, TICKS_S), history.play(undisturbed, TICKS_S), strict=True)
     for (_, found), (_, wanted) in anew:
-        # Numbers are not used again.
         assert known_of(found)[1:4] == known_of(wanted)[1:4]
+        # Numbers are not used again.
+        assert min(known_of(found)[0]) > max(before[0])

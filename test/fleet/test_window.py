@@ -260,17 +260,6 @@ def test_no_time_for_the_window_leaves_the_answer_of_the_moment():
         assert fleet.holding(estimate)
 
 
-def test_a_reset_forgets_and_numbers_are_not_used_again():
-    fleet = Circling(3)
-    *_, before = fleet.drive(10.0)
-    assert before.n_hypotheses == 1
-    fleet.localizer.reset()
-    after = next(fleet.drive(1.0))
-    assert after.n_hypotheses == 2
-    numbers = {placement.number for placement in after.placements}
-    assert min(numbers) > before.placements[0].number
-
-
 def test_a_jump_back_in_time_forgets():
     fleet = Circling(3)
     list(fleet.drive(5.0))
