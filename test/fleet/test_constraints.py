@@ -128,10 +128,6 @@ def test_an_angle_that_may_have_either_side_has_none(angle_rad, signs):
     assert [known.sign for known in angles.chiralities()] == signs
 
 
-def unit(vectors):
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
-
-
 def turned_towards(ray, goal, angle_rad):
     """Return a unit vector turned towards another by an angle."""
     across = goal - (goal @ ray) * ray
@@ -156,7 +152,8 @@ def test_a_certain_sign_survives_the_worst_errors(share):
     rng = np.random.default_rng(5)
     certain = 0
     for _ in range(500):
-        rays = unit(rng.normal(size=(3, 3)))
+        rays = rng.normal(size=(3, 3))
+        rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
         errors_rad = np.array(share) * rng.uniform(0.0, 0.8, 3)
         known = zip(rays, errors_rad.tolist(), strict=True)
         readings = [RayReading(KEY, 0.0, ray, error_rad) for ray, error_rad in known]

@@ -193,12 +193,6 @@ def place_of(entry):
     return np.array([entry.transform.translation.x, entry.transform.translation.y])
 
 
-def place_of_odometry(x, y):
-    """Return where a frame is in which robot_1 is at (x, y)."""
-    c, s = math.cos(YAW_RAD), math.sin(YAW_RAD)
-    return PLACE - np.array([[c, -s], [s, c]]) @ [x, y]
-
-
 def test_the_node_places_the_body_and_falls_silent_with_its_sensors(bench, make_node, heard):
     make_anchored_node(make_node, publish_tf=True)
     bench.sending = [lambda: send_anchored_robot(bench)]
@@ -248,7 +242,9 @@ def test_nothing_lies_between_poses_before_and_after_a_restart(bench, make_node,
 
     bench.sending = [send]
     bench.until(lambda: n_sent[0] > 40 and len(heard) > 40, 'transforms')
-    true_places = [place_of_odometry(x, 2.0) for x in (1.0, 50.0)]
+    # Where frames are in which the robot is at these places.
+    axes = rotation_of_quaternion(quaternion_of_yaw(YAW_RAD))[:2, :2]
+    true_places = [PLACE - axes @ [x, 2.0] for x in (1.0, 50.0)]
     for (entry,) in heard:
         off_m = min(np.linalg.norm(place_of(entry) - true) for true in true_places)
         # A heading error of 0.1 rad is 5 m at the end of 50 m.

@@ -46,15 +46,6 @@ def forget():
     decomposition._remembered.cache_clear()
 
 
-def n_looks_at_a_graph(problem):
-    """Return how often taking a problem to pieces looks at the clock."""
-    cancel = CancelAfter(10**9)
-    with kernels.until(cancel.is_set):
-        pieces_of_problem(problem)
-    forget()
-    return 10**9 - cancel.left
-
-
 def check_undivided(result, n_points):
     """Assert that nothing is claimed of a fleet that was not taken to pieces."""
     assert result.verdict is Verdict.OUT_OF_BUDGET
@@ -69,7 +60,10 @@ def test_no_truth_is_lost_where_the_decomposition_is_stopped(watchful):
     n_stopped = 0
     for seed in SEEDS:
         case = joined_case(seed)
-        n_looks = n_looks_at_a_graph(case.problem)
+        whole = CancelAfter(10**9)
+        with kernels.until(whole.is_set):
+            pieces_of_problem(case.problem)
+        n_looks = 10**9 - whole.left
         for most in {0, n_looks // 2, n_looks - 1, n_looks + 1} - {-1}:
             forget()
             result = solve(case.problem, case.options, cancel=CancelAfter(most))
@@ -192,17 +186,6 @@ class LaterExecutor:
         return future
 
 
-class NeverExecutor:
-    """Takes tasks and never runs them."""
-
-    def __init__(self):
-        self.futures = []
-
-    def submit(self, function, *args):
-        self.futures.append(Future())
-        return self.futures[-1]
-
-
 def chain_of_triangles(count):
     """Return triangles and fours, each hinged to the next in one point."""
     bodies, last = [], 0
@@ -240,12 +223,18 @@ def test_processes_give_the_same_answer():
 @pytest.mark.parametrize('max_seconds', [0.2, 60.0])
 def test_what_no_worker_solves_in_time_or_before_it_is_cancelled_is_left_open(max_seconds):
     problem, positions = braced_grid(9, 9, 0.01)
-    executor, cancel = NeverExecutor(), threading.Event()
+    futures, cancel = [], threading.Event()
+
+    def submit(*_):
+        futures.append(Future())
+        return futures[-1]
+
     if max_seconds > 1.0:
         threading.Timer(0.1, cancel.set).start()
-    result = solve(problem, SolverOptions(max_seconds=max_seconds), cancel, executor=executor)
+    options, never = SolverOptions(max_seconds=max_seconds), Mock(submit=submit)
+    result = solve(problem, options, cancel, executor=never)
     assert result.verdict is Verdict.OUT_OF_BUDGET
-    assert executor.futures and all(future.cancelled() for future in executor.futures)
+    assert futures and all(future.cancelled() for future in futures)
     assert not missing(result, positions)
 
 
