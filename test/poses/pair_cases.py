@@ -51,7 +51,7 @@ def around(rng, truth, half):
     return Interval(middle - slack, middle + slack)
 
 
-def random_case(seed, *, scale_m=None, liars=0, space=None, alone=False):
+def random_case(seed, *, scale_m=None, liars=0, alone=False):
     """
     Draw a pair: plane or space, odometry and levers at bounds.
 
@@ -59,7 +59,7 @@ def random_case(seed, *, scale_m=None, liars=0, space=None, alone=False):
     """
     rng = np.random.default_rng(seed)
     scale_m = 10.0 ** rng.uniform(-3.0, 3.0) if scale_m is None else scale_m
-    space = bool(rng.random() < 0.4) if space is None else space
+    space = bool(rng.random() < 0.4)
     count = int(rng.integers(3, 30))
     flat = np.array([1.0, 1.0, 1.0 if space else 0.0])
     truth = Truth(rng.normal(size=3) * scale_m * flat, float(rng.uniform(-math.pi, math.pi)))
