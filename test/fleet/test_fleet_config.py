@@ -88,7 +88,6 @@ def test_a_wrong_setting_is_refused_by_name(wrong, what, wanted):
         (lambda: OdometryErrorModel(rotation_per_m=-0.1), 'rotation_per_m: -0.1'),
         (lambda: OdometryErrorModel(tilt_rad=math.nan), 'tilt_rad: nan'),
         (lambda: Anchor((0.0, 0.0), -1.0), 'anchor.bound_m: -1.0'),
-        (lambda: Anchor((0.0, math.nan)), 'anchor.coordinates_m: nan'),
         (lambda: Mount((0.0, 0.0), -1.0), 'mount.bound_m: -1.0'),
         (lambda: Mount((0.0, 0.0), 0.0, (1.0, 1.0, 0.0, 0.0)), 'a unit quaternion'),
         (lambda: SensorBounds(bearing_half_width_rad=-1.0), 'bearing_half_width_rad: -1.0'),

@@ -142,23 +142,6 @@ def test_a_peer_that_is_no_pair_is_rejected_and_the_others_are_not(localizer, ro
     assert [key.target for key in localizer.snapshot(NOW_S).keys] == ['c']
 
 
-def test_every_reason_is_counted_on_its_own_input(localizer):
-    for reading in (1.0, math.nan, math.nan, -1.0, math.inf):
-        localizer.add_range('a', 'b', reading, NOW_S, NOW_S)
-    localizer.add_range('b', 'a', 9.0, NOW_S, NOW_S, 0.1, 8.0)
-    forward, backward = localizer.input_states(NOW_S)
-    assert forward.key == LinkKey(LinkKind.RANGE, 'a', 'b')
-    assert forward.accepted == 1
-    assert forward.rejected == {
-        RejectionReason.NAN: 2,
-        RejectionReason.NEGATIVE: 1,
-        RejectionReason.NOTHING_IN_RANGE: 1,
-    }
-    assert 'inf' in forward.last_reason_text
-    assert backward.rejected == {RejectionReason.ABOVE_MAX: 1}
-    assert '9.0' in backward.last_reason_text
-
-
 def test_a_range_widens_with_the_speeds_of_both_ends(localizer):
     localizer.add_range('a', 'b', 3.0, NOW_S - 0.4, NOW_S)
     localizer.add_range('a', 'c', 3.0, NOW_S - 0.4, NOW_S)
@@ -199,9 +182,9 @@ def test_a_link_goes_stale_and_comes_back(localizer):
     assert not link(localizer, NOW_S + 2.0).stale
 
 
-def drive(localizer, robot, way, start_s=NOW_S - 0.4, step_s=0.1):
+def drive(localizer, robot, way):
     for tick, x in enumerate(way):
-        stamp_s = start_s + tick * step_s
+        stamp_s = NOW_S - 0.4 + 0.1 * tick
         assert localizer.add_odometry(robot, [x, 0.0, 0.0], UPRIGHT, stamp_s, NOW_S) is None
 
 
@@ -213,14 +196,6 @@ def test_odometry_says_how_far_a_robot_really_moved(localizer):
     constant_m = error.constant_m * (1.0 + 0.04 * error.rotation_per_m)
     moved_m = 0.04 * (1.0 + error.translation_per_m) + constant_m
     assert link(localizer).upper_m == pytest.approx(3.0 + moved_m)
-
-
-def test_odometry_that_starts_again_says_nothing_about_before(localizer):
-    # It goes back to where it was when the range was measured, but the robot does not.
-    drive(localizer, 'a', [0.0, 0.04, 0.08, 0.0, 0.0])
-    localizer.add_range('a', 'c', 3.0, NOW_S - 0.4, NOW_S)
-    by_speed_m = 0.5 * 0.4
-    assert 3.0 + 0.5 * 0.1 < link(localizer).upper_m <= 3.0 + by_speed_m * (1.0 + 1e-9)
 
 
 def test_odometry_that_starts_anew_is_said_to_for_as_long_as_its_age_counts(localizer):

@@ -152,21 +152,6 @@ def test_without_memory_or_odometry_the_mirror_image_stays(settings, odometry):
 ANCHORS = anchors_at({'west': (-4.0, 0.0), 'east': (6.0, 1.0), 'north': (0.0, 7.0)})
 
 
-def test_robots_among_anchors_get_headings_and_stay_placed_without_measurements():
-    fleet = Circling(2, anchors=ANCHORS)
-    for estimate in fleet.drive(10.0):
-        assert fleet.holding(estimate)
-    assert estimate.n_hypotheses == 1
-    assert estimate.placements[0].heading_known.all()
-    before_m = np.ptp(estimate.placements[0].enclosure_m, axis=1).max()
-    # Ranges between the robots go on.
-    for estimate in fleet.drive(4.0, anchors=False):
-        (placement,) = estimate.placements
-        assert fleet.holding(estimate)
-        assert estimate.frame.kind == 'anchors'
-    assert before_m < np.ptp(placement.enclosure_m, axis=1).max() < 4.0 * before_m
-
-
 @pytest.mark.parametrize('outliers', [0, 2])
 def test_a_robot_that_was_carried_away_is_forgotten_and_found_again(outliers):
     fleet = Circling(2, anchors=ANCHORS, memory_s=10.0, window_outliers=outliers)
