@@ -4,7 +4,7 @@
 """
 Covers: what they say of their poses, and that no pose that agrees with the readings is lost.
 
-DG_PROPERTY_PAIRS sets how many random pairs are tried.
+DG_PROPERTY_PAIRS sets how many random pairs are tried, DG_PROPERTY_SEED the first of them.
 """
 
 from functools import partial
@@ -12,6 +12,7 @@ import math
 import os
 
 from hypothesis import given, settings, strategies as st
+from joined_cases import chunks, first_and_last
 import numpy as np
 from pair_cases import random_case, turn
 from plain_python import in_plain_python
@@ -88,8 +89,6 @@ def test_compiled_kernels_and_python_agree_to_the_last_bit():
 
 
 PAIRS = int(os.environ.get('DG_PROPERTY_PAIRS', '1000'))
-CHUNK = 200
-CHUNKS = [range(seed, min(seed + CHUNK, PAIRS)) for seed in range(0, PAIRS, CHUNK)]
 
 
 def cover_of(case, max_boxes=100, **changes):
@@ -107,7 +106,7 @@ def lost(seeds, **kind):
 
 
 @pytest.mark.filterwarnings('error')
-@pytest.mark.parametrize('seeds', CHUNKS, ids=lambda seeds: f'{seeds[0]}-{seeds[-1]}')
+@pytest.mark.parametrize('seeds', chunks(PAIRS, 200), ids=first_and_last)
 def test_no_truth_is_lost(seeds):
     assert not lost(seeds)
 

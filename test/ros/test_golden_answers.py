@@ -17,7 +17,7 @@ import numpy as np
 from processes import REPOSITORY
 import pytest
 from recorder import Recorder
-from small_bags import read
+from small_bags import read, write_parameters
 
 from benchmarks import beside
 from dg_localization.ros.executables import localize_bag
@@ -58,9 +58,7 @@ def record(recording, bag):
         'max_speed': 2.0,
         'rate': 2.0,
     }
-    params = bag.with_suffix('.yaml')
-    params.write_text(json.dumps({'/**': {'ros__parameters': fleet}}))
-    return bag, params, 25
+    return bag, write_parameters(bag.parent, **fleet), 25
 
 
 def bag_of(name, shared, bag):

@@ -18,7 +18,6 @@ from dg_localization.solver.decompose.graph import pairs_of
 from dg_localization.solver.decompose.rigid_components import is_rigid, rigid_rank
 
 TWO_FOURS_M = np.array([[0, 0], [5, 1], [1, 4], [6, 6], [10, 2], [9, 9], [4, 11]], dtype=float)
-FOURS = ((0, 1, 2, 3), (3, 4, 5, 6))
 
 
 def known(positions, bodies, relative_error=0.02, apart=(), **constraints):
@@ -46,8 +45,7 @@ def test_a_least_distance_that_no_fold_reaches_is_a_contradiction():
 
 
 def test_a_contradiction_names_the_piece_that_it_is_in():
-    positions = TWO_FOURS_M
-    problem = known(positions, FOURS)
+    problem = known(TWO_FOURS_M, [(0, 1, 2, 3), (3, 4, 5, 6)])
     lower, upper = problem.lower.copy(), problem.upper.copy()
     lower[4, 6] = lower[6, 4] = upper[4, 6] = upper[6, 4] = 400.0
     result = solve(Problem(lower, upper))
