@@ -4,8 +4,9 @@
 """
 The pieces of a fleet, solved one by one.
 
-A piece that is not rigid by its own measurements takes the distances of shared points from a piece
-solved before. It is solved once for each of the possible ranges of these distances.
+A piece takes distances of shared points from a piece that knows them far better than measurements:
+it may not be rigid, or not hold apart what it leaves, without them. It is solved once for each of
+the possible ranges of these distances.
 
 Some pieces decompose after a part that hangs on them is removed: such a part connects the points
 on both sides of a separating set and so hides it. The parts of such a piece are solved like the
@@ -15,7 +16,7 @@ pieces of a fleet, and combined.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import product
+from itertools import chain, product
 import math
 
 import numpy as np
@@ -32,6 +33,7 @@ from dg_localization.solver.assemble.solved_pieces import (
     unexamined,
 )
 from dg_localization.solver.box import LOWER, UPPER
+from dg_localization.solver.contract.linear import EXPLAINED_FACTOR
 from dg_localization.solver.decompose.decomposition import Decomposition
 from dg_localization.solver.decompose.graph import pairs_of
 from dg_localization.solver.patches.answers import PatchAnswers
@@ -146,7 +148,7 @@ class PieceSolver:
                 piece = self._solved[number]
                 if not piece.hypotheses:
                     return SolvedPieces(contradiction=piece.points)
-        for piece in self._resumed():
+        for piece in chain(self._told_more(), self._resumed()):
             if not piece.hypotheses:
                 return SolvedPieces(contradiction=piece.points)
         answer = SolvedPieces(list(self._solved.values()))
@@ -196,6 +198,31 @@ class PieceSolver:
         piece.gather(self._budget)
         self._solved[number] = piece
 
+    def _told_more(self) -> Iterator[SolvedPiece]:
+        """Solve small pieces again of which others know a shared pair far better."""
+        for number, former in reversed(self._solved.items()):
+            is_small = len(former.points) <= MOST_WHOLE
+            if is_small and not self._budget.is_over() and self._is_told(number):
+                self._solve(number)
+                if self._solved[number].is_finished:
+                    yield self._solved[number]
+                else:
+                    self._solved[number] = former
+
+    def _is_told(self, number: int) -> bool:
+        """Return whether another piece knows a shared pair far better than a solved one."""
+        piece = self._solved[number]
+        return any(
+            EXPLAINED_FACTOR * other.widest(pair) < piece.widest(pair)
+            for joint in self._joints_of[number]
+            for other in self._others(joint, number)
+            for pair in pairs_of(joint.points)
+        )
+
+    def _others(self, joint: Joint, number: int) -> list[SolvedPiece]:
+        """Return the other solved pieces at a joint."""
+        return [self._solved[x] for x in joint.pieces if x in self._solved and x != number]
+
     def _resumed(self) -> Iterator[SolvedPiece]:
         """Resume the pieces that were not finished, small ones first."""
         pieces = sorted(self._solved.values(), key=lambda piece: len(piece.points))
@@ -213,18 +240,19 @@ class PieceSolver:
             yield piece
 
     def _given(self, number: int) -> list[Ranges]:
-        """Return the bounds from earlier pieces on the unmeasured shared pairs of a piece."""
+        """Return the bounds of its shared pairs that other pieces know better than measurements."""
         choices: list[list[Ranges]] = []
         for joint in self._joints_of[number]:
-            solved = next((self._solved[x] for x in joint.pieces if x in self._solved), None)
-            if solved is None:
-                continue
             face = pairs_of(joint.points)
             ends = np.array(face, dtype=np.int64).reshape(-1, 2).T
-            upper = self._problem.pairs.of(*ends)[1]
-            pairs = [pair for pair, high in zip(face, upper, strict=True) if math.isinf(high)]
-            if pairs:
-                choices.append(solved.ranges_of(pairs))
+            lower, upper = self._problem.pairs.of(*ends)
+            widths = dict(zip(face, (upper - lower).tolist(), strict=True))
+            for other in self._others(joint, number):
+                known = {pair: other.widest(pair) for pair in face}
+                pairs = [pair for pair in face if EXPLAINED_FACTOR * known[pair] < widths[pair]]
+                if pairs:
+                    choices.append(other.ranges_of(pairs))
+                    widths |= {pair: known[pair] for pair in pairs}
         # The patches of a large piece hold all placements at once.
         most = 1 if len(self._points[number]) > MOST_CONTRACTED else MOST_RANGES
         while math.prod(len(ranges) for ranges in choices) > most:

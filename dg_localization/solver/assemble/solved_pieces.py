@@ -102,6 +102,11 @@ class SolvedPiece:
             found.append(new)
         return found
 
+    def widest(self, pair: Pair) -> float:
+        """Return the greatest width of the ranges of a pair, in m^2."""
+        ends = (ranges[pair] for ranges in self.ranges_of([pair]))
+        return max(high - low for low, high in ends)
+
 
 @dataclass
 class SolvedPieces:

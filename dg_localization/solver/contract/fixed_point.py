@@ -20,7 +20,12 @@ import numpy as np
 from dg_localization.interval.kernels import COMPILED, WORK_PER_LOOK, until
 from dg_localization.interval.pave import LEAST_GAIN
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, Status, sub_box
-from dg_localization.solver.contract.linear import ConnectedPoints, combine, connected_points_of
+from dg_localization.solver.contract.linear import (
+    EXPLAINED_FACTOR,
+    ConnectedPoints,
+    combine,
+    connected_points_of,
+)
 from dg_localization.solver.contract.local_frames import contract_in_frame
 from dg_localization.solver.contract.reduction import (
     MOST_THROUGH,
@@ -39,9 +44,6 @@ from dg_localization.solver.contract.widths import (
     rank_axes,
 )
 from dg_localization.solver.problem import Problem
-
-EXPLAINED_FACTOR = 3.0
-"""Greatest ratio of the width of a finished box to the first-order effect of the errors."""
 
 SMOOTHED_SWEEPS = 2
 """The first sweeps begin with the triangle inequalities; later ones gain nothing from them."""

@@ -35,6 +35,9 @@ from dg_localization.solver.contract.newton import (
 from dg_localization.solver.place.placements import place
 from dg_localization.solver.problem import Problem
 
+EXPLAINED_FACTOR = 3.0
+"""Greatest ratio of the width of a finished box to the first-order effect of the errors."""
+
 
 @kernel
 def contract_linear(
@@ -48,7 +51,8 @@ def contract_linear(
     Narrow all pairs of a box by linear combinations of the measured ones, in place.
 
     Nothing is narrowed if the measurements do not make the points rigid. Returns False if the box
-    is proved to hold no placement.
+    is proved to hold no placement. The widths that errors explain are written to `explained`. A
+    pair that others know far better than its own measurement has the error that they leave.
     """
     n_points, dimension = positions.shape
     frame = np.full(dimension + 1, -1)
@@ -67,7 +71,8 @@ def contract_linear(
     relative = np.empty((len(edges), 2, dimension))
     if not narrow_displacements(box, linear, relative):
         return False
-    return bool(_narrow_all_pairs(box, linear, inverse, errors, explained))
+    left = np.minimum(errors, EXPLAINED_FACTOR * widths)
+    return bool(_narrow_all_pairs(box, linear, inverse, left, explained))
 
 
 @kernel
@@ -83,6 +88,9 @@ def _narrow_all_pairs(
     n_edges = len(linear.edges)
     target = np.zeros((n_points, dimension))
     multipliers = np.empty(n_edges)
+    # Near a singular reference the effect of first order has no limit. The effect of second order
+    # has one, from as many of the smallest errors as there are unknowns, which hold the points.
+    of_second_order = 2.0 * np.sqrt(box[UPPER].max() * np.sort(errors)[: len(inverse)].sum())
     residual_widths = linear.residuals[:, UPPER] - linear.residuals[:, LOWER]
     edge_of = np.full((n_points, n_points), -1)
     for m in range(n_edges):
@@ -98,7 +106,7 @@ def _narrow_all_pairs(
             width = 0.0
             for m in range(n_edges):
                 width += abs(multipliers[m]) * errors[m]
-            explained[i, j] = explained[j, i] = width
+            explained[i, j] = explained[j, i] = min(width, of_second_order)
             if edge_of[i, j] >= 0 and not leave_out(multipliers, edge_of[i, j]):
                 continue
             width = 0.0

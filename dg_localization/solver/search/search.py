@@ -17,12 +17,8 @@ import numpy as np
 from dg_localization.interval.kernels import until
 from dg_localization.interval.pave import LEAST_GAIN, Examined, Paving, pave
 from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, Status, cut_at
-from dg_localization.solver.contract.fixed_point import (
-    EXPLAINED_FACTOR,
-    MOST_IDLE_TESTS,
-    Contractor,
-    Pruned,
-)
+from dg_localization.solver.contract.fixed_point import MOST_IDLE_TESTS, Contractor, Pruned
+from dg_localization.solver.contract.linear import EXPLAINED_FACTOR
 from dg_localization.solver.contract.triangles import smooth
 from dg_localization.solver.contract.widths import excess
 from dg_localization.solver.pair_bounds import pairs_among
