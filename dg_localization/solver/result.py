@@ -207,9 +207,8 @@ class Result:
         The number of combined hypotheses of the whole fleet, which may be far more than could be
         listed. An open joint counts once, for all rotations about it. Placements of a piece that
         are closer than the resolution count once, and so do the sides of a reflection that may be
-        flat. Otherwise the number is too small in rare cases only, where a wide measurement is
-        beside exact ones (docs/rigor.md); `n_hypotheses_is_bound` says whether it may be too
-        large.
+        flat, and what the search does not tell apart (docs/rigor.md). `n_hypotheses_is_bound` says
+        whether the number may be too large.
 
     """
 

@@ -185,7 +185,7 @@ class PieceSolver:
         return self._share_of_all / (len(self._points) - number)
 
     def _solve(self, number: int) -> None:
-        """Solve a piece for all ranges that earlier pieces give for its shared pairs."""
+        """Solve a piece for all ranges that other pieces give for its shared pairs."""
         share = self._share(number)
         piece = SolvedPiece(self._points[number])
         given = self._given(number)
@@ -240,14 +240,17 @@ class PieceSolver:
             yield piece
 
     def _given(self, number: int) -> list[Ranges]:
-        """Return the bounds of its shared pairs that other pieces know better than measurements."""
+        """Return bounds of its shared pairs that other pieces know better than measurements."""
         choices: list[list[Ranges]] = []
         for joint in self._joints_of[number]:
+            others = self._others(joint, number)
+            if not others:
+                continue
             face = pairs_of(joint.points)
             ends = np.array(face, dtype=np.int64).reshape(-1, 2).T
             lower, upper = self._problem.pairs.of(*ends)
             widths = dict(zip(face, (upper - lower).tolist(), strict=True))
-            for other in self._others(joint, number):
+            for other in others:
                 known = {pair: other.widest(pair) for pair in face}
                 pairs = [pair for pair in face if EXPLAINED_FACTOR * known[pair] < widths[pair]]
                 if pairs:

@@ -103,9 +103,10 @@ class SolvedPiece:
         return found
 
     def widest(self, pair: Pair) -> float:
-        """Return the greatest width of the ranges of a pair, in m^2."""
-        ends = (ranges[pair] for ranges in self.ranges_of([pair]))
-        return max(high - low for low, high in ends)
+        """Return the greatest width of a pair in a hypothesis, in m^2."""
+        ends = tuple(map(self.points.index, pair))
+        bounds = (hypothesis.bounds_of_pair(*ends) for hypothesis in self.hypotheses)
+        return max(high - low for low, high in bounds)
 
 
 @dataclass
