@@ -460,6 +460,7 @@ def play_without_a_loss(history, ticks_s, resets=False):
         assert estimate.verdict is not Verdict.INFEASIBLE, estimate.reason
         assert not estimate.forgotten, estimate.forgotten
         assert estimate.n_hypotheses >= len(estimate.placements)
+        assert all(np.all(one.lower_m <= one.upper_m) for one in estimate.placements), time_s
         assert truth_is_inside(history, time_s, estimate), time_s
     return estimate
 

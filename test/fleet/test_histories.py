@@ -20,7 +20,7 @@ from histories import (
     ticks_of,
     truth_is_inside,
 )
-from hypothesis import given, settings, strategies as st
+from hypothesis import example, given, settings, strategies as st
 import numpy as np
 import pytest
 from shapes import check_form
@@ -40,6 +40,7 @@ MOMENTS = int(os.environ.get('DG_FLEET_EXAMPLES', '400')) // 2
 @pytest.mark.parametrize('dimension', [2, 3])
 @settings(max_examples=max(1, STEPS // round(SECONDS)), derandomize=False)
 @given(seed=st.integers(0, 2**32 - 1))
+@example(seed=20051)
 def test_the_truth_is_never_lost(dimension, seed):
     history = draw_habits(draw_any(seed, dimension), seed)
     play_without_a_loss(history, ticks_of(history, SECONDS), has_resets(seed))

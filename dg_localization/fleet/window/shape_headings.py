@@ -226,6 +226,8 @@ def sifted(placements: Sequence[Placement], narrow: Narrow) -> Remaining:
     lone = True
     for number, placement in enumerate(placements):
         narrowed = found[number]
+        if isinstance(narrowed, Placement) and np.any(narrowed.lower_m > narrowed.upper_m):
+            narrowed = 'distances of now'
         if isinstance(narrowed, Placement):
             left.append(replace(narrowed, mirrored=placement.mirrored and not lone))
         else:
