@@ -102,7 +102,6 @@ class Localizer(MeasurementIntake):
         Parameters
         ----------
         config : FleetConfig
-            Settings with the same robots, dimension, anchors and mounts.
 
         Returns
         -------
@@ -120,6 +119,7 @@ class Localizer(MeasurementIntake):
             former = dict(zip(MOTION, motion_of(self._config), strict=True))
             self._adopt(replace(config, **former))
             return True
+        self._bodies = anchor_geometry(config), mount_geometry(config)
         self.reset()
         return False
 

@@ -281,6 +281,15 @@ def test_a_range_from_before_robots_became_slow_is_not_used_as_if_it_were_newer(
     assert snapshot.config.max_speed_m_s == 0.1 and snapshot.links[0].stale
 
 
+def test_anchors_are_where_the_newest_settings_say():
+    localizer = new_localizer('r', {'a': (0.0, 0.0), 'b': (2.0, 0.0)})
+    places_m = {'a': (10.0, 0.0), 'b': (12.0, 0.0)}
+    assert not localizer.configure(replace(localizer.config, anchors=anchors_at(places_m)))
+    add_ranges(localizer, 'r', (11.0, 1.0), places_m, START_S)
+    first, second = localizer.step(START_S).placements
+    assert np.allclose(first.positions_m + second.positions_m, [22.0, 0.0])
+
+
 def test_the_memory_is_bounded():
     localizer = new_localizer(('a', 'b'), memory_s=2.0)
     for step in range(5000):
