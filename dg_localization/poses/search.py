@@ -51,7 +51,8 @@ class PairOptions:
         is tolerated.
     hull_only : bool
         Whether linear programs pass over boxes inside the hull of others, which cannot widen it.
-        The hull is as narrow, but fewer impossible hypotheses are ruled out.
+        Fewer impossible hypotheses are ruled out. The hull is as narrow if headings were known
+        before; from unknown ones it is often a little wider, since fewer boxes are halved.
 
     """
 
