@@ -64,7 +64,8 @@ def estimate_snapshot(
         if contradiction is not None:
             return contradiction, ()
     snapshot, by_memory = recalled.snapshot, recalled.forgotten
-    if not snapshot.keys and not (recalled.pose_sets.sets and snapshot.odometry_is_young):
+    # Without a measurement of now, odometry of a robot that has a set must tell of the present.
+    if not snapshot.keys and not any(map(snapshot.odometry_is_young, recalled.carried_robots)):
         return _without_data(snapshot, recalled), ()
     in_window = suspects_in_window(snapshot, recalled.pose_sets, recalled.allowance.part(2))
     recalled_s = time.perf_counter()

@@ -98,11 +98,10 @@ class Snapshot:
         seconds = min(options.tighten_seconds, self.tighten_seconds)
         return replace(options, tighten_seconds=seconds)
 
-    @property
-    def odometry_is_young(self) -> bool:
-        """Whether some odometry is no older than `max_age_s`."""
-        newest_s = (readings[-1].stamp_s for readings in self.motion.odometry.values() if readings)
-        return any(self.stamp_s - stamp_s <= self.config.max_age_s for stamp_s in newest_s)
+    def odometry_is_young(self, robot: str) -> bool:
+        """Return whether the newest odometry of a robot is no older than `max_age_s`."""
+        readings = self.motion.odometry.get(robot, ())
+        return bool(readings) and self.stamp_s - readings[-1].stamp_s <= self.config.max_age_s
 
     def without(self, forgotten: Spans, left_out: Collection[Ends]) -> Snapshot:
         """

@@ -281,6 +281,19 @@ def test_a_range_from_before_robots_became_slow_is_not_used_as_if_it_were_newer(
     assert snapshot.config.max_speed_m_s == 0.1 and snapshot.links[0].stale
 
 
+@pytest.mark.parametrize('robot', ['r', 's'])
+def test_only_its_own_odometry_carries_a_robot_on(robot):
+    places_m = {'a': (0.0, 0.0), 'b': (6.0, 0.0), 'c': (0.0, 6.0)}
+    localizer = new_localizer('rs', places_m)
+    for stamp_s in np.arange(START_S, START_S + 3.0, 0.1):
+        if stamp_s < START_S + 1.0:
+            add_odometry(localizer, 'r', np.zeros(3), stamp_s - 0.01)
+            add_ranges(localizer, 'r', (1.0, 2.0), places_m, stamp_s)
+        add_odometry(localizer, robot, np.zeros(3), stamp_s)
+        estimate = localizer.step(stamp_s)
+    assert bool(estimate.placements) == (robot == 'r')
+
+
 def test_anchors_are_where_the_newest_settings_say():
     localizer = new_localizer('r', {'a': (0.0, 0.0), 'b': (2.0, 0.0)})
     places_m = {'a': (10.0, 0.0), 'b': (12.0, 0.0)}

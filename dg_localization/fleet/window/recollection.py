@@ -147,6 +147,12 @@ class Recollection:
     tilts: Mapping[int, Tilt] = field(default_factory=dict)
     in_doubt: tuple[str, ...] = ()
 
+    @property
+    def carried_robots(self) -> list[str]:
+        """The robots that have a pose set."""
+        bodies = {body for pair in self.pose_sets.sets for body in pair}
+        return [self.snapshot.config.robots[body] for body in bodies - {WORLD}]
+
     def without_pose_sets(self) -> Recollection:
         """Return a copy without the pose sets, which contradict the moment and are forgotten."""
         ends = ends_of(self.snapshot.config, self.pose_sets.sets)
