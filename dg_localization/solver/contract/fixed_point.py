@@ -187,7 +187,7 @@ class Contractor:
 
         See `contract_in_frame`; return False if the box is proved to hold no placement.
         """
-        points, edges, errors = next(g for g in self._groups if pairs[0, 0] in g.points)
+        points, edges, errors, _ = next(g for g in self._groups if pairs[0, 0] in g.points)
         local, of_points = sub_box(box, points), np.searchsorted(points, pairs)
         if not contract_in_frame(local, positions[points], edges, errors, of_points, explained):
             return False
@@ -203,11 +203,12 @@ class Contractor:
         in groups that are not rigid. Return False if the box holds no placement.
         """
         explained[:] = 0.0
-        for points, edges, errors in self._groups:
+        for group in self._groups:
+            points = group.points
             if len(points) == len(explained):
-                return combine(box, self.problem.dimension, edges, errors, explained)
+                return combine(box, self.problem.dimension, group, explained)
             local, of_group = sub_box(box, points), np.zeros((len(points), len(points)))
-            if not combine(local, self.problem.dimension, edges, errors, of_group):
+            if not combine(local, self.problem.dimension, group, of_group):
                 return False
             explained[np.ix_(points, points)] = of_group
             box[:, points[:, None], points] = local

@@ -32,6 +32,7 @@ from dg_localization.solver.contract.newton import (
     set_inverse,
     set_multipliers,
 )
+from dg_localization.solver.decompose.rigid_components import is_rigid
 from dg_localization.solver.place.placements import place
 from dg_localization.solver.problem import Problem
 
@@ -45,6 +46,7 @@ def contract_linear(
     positions: FloatArray,
     edges: IntArray,
     errors: FloatArray,
+    held_m2: float,
     explained: FloatArray,
 ) -> bool:
     """
@@ -72,7 +74,9 @@ def contract_linear(
     if not narrow_displacements(box, linear, relative):
         return False
     left = np.minimum(errors, EXPLAINED_FACTOR * widths)
-    return bool(_narrow_all_pairs(box, linear, inverse, left, explained))
+    # Near a singular reference the effect of first order has no limit. That of second order has.
+    most = 2.0 * np.sqrt(box[UPPER].max() * held_m2)
+    return bool(_narrow_all_pairs(box, linear, inverse, left, most, explained))
 
 
 @kernel
@@ -81,6 +85,7 @@ def _narrow_all_pairs(
     linear: Linearization,
     inverse: FloatArray,
     errors: FloatArray,
+    most_explained: float,
     explained: FloatArray,
 ) -> bool:
     """Narrow every pair by the combination that estimates it; return False if one is empty."""
@@ -88,9 +93,6 @@ def _narrow_all_pairs(
     n_edges = len(linear.edges)
     target = np.zeros((n_points, dimension))
     multipliers = np.empty(n_edges)
-    # Near a singular reference the effect of first order has no limit. The effect of second order
-    # has one, from as many of the smallest errors as there are unknowns, which hold the points.
-    of_second_order = 2.0 * np.sqrt(box[UPPER].max() * np.sort(errors)[: len(inverse)].sum())
     residual_widths = linear.residuals[:, UPPER] - linear.residuals[:, LOWER]
     edge_of = np.full((n_points, n_points), -1)
     for m in range(n_edges):
@@ -106,7 +108,7 @@ def _narrow_all_pairs(
             width = 0.0
             for m in range(n_edges):
                 width += abs(multipliers[m]) * errors[m]
-            explained[i, j] = explained[j, i] = min(width, of_second_order)
+            explained[i, j] = explained[j, i] = min(width, most_explained)
             if edge_of[i, j] >= 0 and not leave_out(multipliers, edge_of[i, j]):
                 continue
             width = 0.0
@@ -126,6 +128,7 @@ class ConnectedPoints(NamedTuple):
     points: IntArray
     edges: IntArray  # (m, 2): the measured pairs among them, by their places in `points`
     errors: FloatArray  # (m,): the widths of their intervals in m^2
+    held_m2: float  # the sum of these widths, of narrow pairs only if they hold all points
 
 
 def connected_points_of(problem: Problem, smoothed: FloatArray) -> list[ConnectedPoints]:
@@ -141,7 +144,11 @@ def connected_points_of(problem: Problem, smoothed: FloatArray) -> list[Connecte
         # Pairs are left out if a chain overflows.
         points, among = np.flatnonzero(first == number), pairs[(ends == number).all(axis=1)]
         errors = problem.upper[among[:, 0], among[:, 1]] - problem.lower[among[:, 0], among[:, 1]]
-        groups.append(ConnectedPoints(points, np.searchsorted(points, among), errors))
+        edges = np.searchsorted(points, among)
+        narrow = EXPLAINED_FACTOR * errors < errors.max(initial=0.0)
+        is_held = narrow.any() and is_rigid(len(points), edges[narrow], problem.dimension)
+        held_m2 = float(errors[narrow].sum() if is_held else errors.sum())
+        groups.append(ConnectedPoints(points, edges, errors, held_m2))
     return groups
 
 
@@ -150,7 +157,7 @@ REFERENCE_STEPS = 3
 
 
 def combine(
-    box: FloatArray, dimension: int, edges: IntArray, errors: FloatArray, explained: FloatArray
+    box: FloatArray, dimension: int, group: ConnectedPoints, explained: FloatArray
 ) -> bool:
     """
     Narrow connected points by linear combinations of measured pairs.
@@ -160,4 +167,6 @@ def combine(
     """
     # Any placement serves as a reference.
     positions = place(box, dimension, REFERENCE_STEPS)
-    return bool(contract_linear(box, positions, edges, errors, explained))
+    return bool(
+        contract_linear(box, positions, group.edges, group.errors, group.held_m2, explained)
+    )
