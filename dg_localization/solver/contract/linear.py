@@ -32,6 +32,7 @@ from dg_localization.solver.contract.newton import (
     set_inverse,
     set_multipliers,
 )
+from dg_localization.solver.contract.reduction import MOST_THROUGH
 from dg_localization.solver.decompose.rigid_components import is_rigid
 from dg_localization.solver.place.placements import place
 from dg_localization.solver.problem import Problem
@@ -54,7 +55,7 @@ def contract_linear(
 
     Nothing is narrowed if the measurements do not make the points rigid. Returns False if the box
     is proved to hold no placement. The widths that errors explain are written to `explained`. A
-    pair that others know far better than its own measurement has the error that they leave.
+    pair of few points that others know far better than its measurement has the error they leave.
     """
     n_points, dimension = positions.shape
     frame = np.full(dimension + 1, -1)
@@ -73,7 +74,8 @@ def contract_linear(
     relative = np.empty((len(edges), 2, dimension))
     if not narrow_displacements(box, linear, relative):
         return False
-    left = np.minimum(errors, EXPLAINED_FACTOR * widths)
+    # Networks of many points would take ten times as long.
+    left = np.minimum(errors, EXPLAINED_FACTOR * widths) if n_points <= MOST_THROUGH else errors
     # Near a singular reference the effect of first order has no limit. That of second order has.
     most = 2.0 * np.sqrt(box[UPPER].max() * held_m2)
     return bool(_narrow_all_pairs(box, linear, inverse, left, most, explained))
