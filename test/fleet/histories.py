@@ -462,6 +462,8 @@ def play_without_a_loss(history, ticks_s, resets=False):
         assert estimate.n_hypotheses >= len(estimate.placements)
         assert all(np.all(one.lower_m <= one.upper_m) for one in estimate.placements), time_s
         assert truth_is_inside(history, time_s, estimate), time_s
+        fits = [one.covariances for one in estimate.placements if one.covariances is not None]
+        assert not any((np.diagonal(one, axis1=1, axis2=2) < 0.0).any() for one in fits), time_s
     return estimate
 
 

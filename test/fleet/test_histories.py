@@ -16,6 +16,7 @@ from histories import (
     SECONDS,
     History,
     draw_any,
+    play_seed,
     play_without_a_loss,
     ticks_of,
     truth_is_inside,
@@ -44,6 +45,10 @@ MOMENTS = int(os.environ.get('DG_FLEET_EXAMPLES', '400')) // 2
 def test_the_truth_is_never_lost(dimension, seed):
     history = draw_habits(draw_any(seed, dimension), seed)
     play_without_a_loss(history, ticks_of(history, SECONDS), has_resets(seed))
+
+
+def test_variances_are_positive_where_past_poses_are_known_far_better():
+    assert play_seed(12001940)
 
 
 @pytest.mark.parametrize('dimension', [2, 3])

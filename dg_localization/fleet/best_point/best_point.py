@@ -345,6 +345,10 @@ def _joint_covariance(fit: Fit, excess: FloatArray, n_points: int) -> FloatArray
         )
         gain = inverse @ np.hstack([np.eye(size), before.T])
         inverse = inverse + gain @ (UNIFORM * excess) @ gain.T
+        # Where past poses are known far better than points, their errors are lost in rounding.
+        lost = inverse.diagonal() < 0.0
+        inverse[lost], inverse[:, lost] = 0.0, 0.0
+        inverse[lost, lost] = variances[:size][lost]
     # Dependent errors must not exceed the enclosure either.
     shares = np.sqrt(variances[:size] / np.maximum(variances[:size], inverse.diagonal()))
     inverse *= shares[:, None] * shares

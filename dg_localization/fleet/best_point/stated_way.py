@@ -293,7 +293,7 @@ def carried_on(
 
 def _sum_at_worst(first: FloatArray, second: FloatArray) -> FloatArray:
     """Return a bound of the covariance of the sum of two errors, however they correlate."""
-    if not first.any():
-        return second
+    if not (first.any() and second.any()):
+        return first + second
     share = math.sqrt(np.trace(second) / np.trace(first))
     return (1.0 + share) * first + (1.0 + 1.0 / share) * second
