@@ -4,9 +4,9 @@
 """
 The pieces of a fleet, solved one by one.
 
-A piece takes distances of shared points from a piece that knows them far better than measurements:
-it may not be rigid, or not hold apart what it leaves, without them. It is solved once for each of
-the possible ranges of these distances.
+A piece takes distances of shared points from another piece that knows them far better than the
+measurements do. Without them it may not be rigid, or one box may hold several placements. It is
+solved once for each of the possible ranges of these distances.
 
 Some pieces decompose after a part that hangs on them is removed: such a part connects the points
 on both sides of a separating set and so hides it. The parts of such a piece are solved like the
@@ -148,7 +148,7 @@ class PieceSolver:
                 piece = self._solved[number]
                 if not piece.hypotheses:
                     return SolvedPieces(contradiction=piece.points)
-        for piece in chain(self._told_more(), self._resumed()):
+        for piece in chain(self._solved_again(), self._resumed()):
             if not piece.hypotheses:
                 return SolvedPieces(contradiction=piece.points)
         answer = SolvedPieces(list(self._solved.values()))
@@ -198,19 +198,19 @@ class PieceSolver:
         piece.gather(self._budget)
         self._solved[number] = piece
 
-    def _told_more(self) -> Iterator[SolvedPiece]:
-        """Solve small pieces again of which others know a shared pair far better."""
+    def _solved_again(self) -> Iterator[SolvedPiece]:
+        """Solve small pieces again where other pieces know a shared distance far better."""
         for number, former in reversed(self._solved.items()):
             is_small = len(former.points) <= MOST_WHOLE
-            if is_small and not self._budget.is_over() and self._is_told(number):
+            if is_small and not self._budget.is_over() and self._is_known_better(number):
                 self._solve(number)
                 if self._solved[number].is_finished:
                     yield self._solved[number]
                 else:
                     self._solved[number] = former
 
-    def _is_told(self, number: int) -> bool:
-        """Return whether another piece knows a shared pair far better than a solved one."""
+    def _is_known_better(self, number: int) -> bool:
+        """Return whether another piece knows a shared distance far better than this one does."""
         piece = self._solved[number]
         return any(
             EXPLAINED_FACTOR * other.widest(pair) < piece.widest(pair)
@@ -240,7 +240,7 @@ class PieceSolver:
             yield piece
 
     def _given(self, number: int) -> list[Ranges]:
-        """Return bounds of its shared pairs that other pieces know better than measurements."""
+        """Return the ranges of shared pairs that other pieces know far better than measured."""
         choices: list[list[Ranges]] = []
         for joint in self._joints_of[number]:
             others = self._others(joint, number)

@@ -54,8 +54,8 @@ def contract_linear(
     Narrow all pairs of a box by linear combinations of the measured ones, in place.
 
     Nothing is narrowed if the measurements do not make the points rigid. Returns False if the box
-    is proved to hold no placement. The widths that errors explain are written to `explained`. A
-    pair of few points that others know far better than its measurement has the error they leave.
+    is proved to hold no placement. The widths that errors explain are written to `explained`. With
+    few points, the error of a pair is at most `EXPLAINED_FACTOR` times its width in the box.
     """
     n_points, dimension = positions.shape
     frame = np.full(dimension + 1, -1)
@@ -74,9 +74,9 @@ def contract_linear(
     relative = np.empty((len(edges), 2, dimension))
     if not narrow_displacements(box, linear, relative):
         return False
-    # Networks of many points would take ten times as long.
+    # With this for more points, searches of large networks take ten times as long.
     left = np.minimum(errors, EXPLAINED_FACTOR * widths) if n_points <= MOST_THROUGH else errors
-    # Near a singular reference the effect of first order has no limit. That of second order has.
+    # Near a singular reference the first-order effect is unlimited, but not the second-order one.
     most = 2.0 * np.sqrt(box[UPPER].max() * held_m2)
     return bool(_narrow_all_pairs(box, linear, inverse, left, most, explained))
 
@@ -130,7 +130,7 @@ class ConnectedPoints(NamedTuple):
     points: IntArray
     edges: IntArray  # (m, 2): the measured pairs among them, by their places in `points`
     errors: FloatArray  # (m,): the widths of their intervals in m^2
-    held_m2: float  # the sum of these widths, of narrow pairs only if they hold all points
+    held_m2: float  # the sum of these widths, or of narrow ones if they hold the points rigid
 
 
 def connected_points_of(problem: Problem, smoothed: FloatArray) -> list[ConnectedPoints]:
