@@ -8,9 +8,7 @@ from functools import partial
 import gc
 import json
 import math
-from pathlib import Path
 import signal
-import subprocess
 import time
 from types import SimpleNamespace
 
@@ -22,7 +20,7 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped  # noqa: E402
 from lifecycle_msgs.srv import ChangeState, GetState  # noqa: E402
-from processes import LATCHED, start  # noqa: E402
+from processes import DEADLINE_S, LATCHED, LocalizerProcess  # noqa: E402
 import rclpy  # noqa: E402
 from rclpy.context import Context  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
@@ -47,7 +45,6 @@ from msg_adapters import (  # noqa: E402
 )
 
 TRIANGLE = {('robot_1', 'robot_2'): 3.0, ('robot_1', 'robot_3'): 4.0, ('robot_2', 'robot_3'): 5.0}
-DEADLINE_S = 60.0
 SEND_PERIOD_S = 0.1
 
 diagnostics_from_message = adapter_for('diagnostic_msgs/msg/DiagnosticArray').from_message
@@ -302,37 +299,13 @@ class Bench:
         return poses_from_message(self.heard.fleet[-1])
 
 
-class LocalizerProcess:
-    """The executable as a process of its own."""
-
-    def __init__(self, log, *ros_args):
-        self._log = log
-        arguments = ['--ros-args', *ros_args] if ros_args else []
-        with open(log, 'w') as output:
-            self.process = start('localizer', *arguments, stdout=output, stderr=subprocess.STDOUT)
-
-    def output(self):
-        return Path(self._log).read_text()
-
-    def stop(self, number=signal.SIGINT):
-        """Signal the process, and return its exit code and all it printed."""
-        if self.process.poll() is None:
-            self.process.send_signal(number)
-        try:
-            return self.process.wait(timeout=DEADLINE_S), self.output()
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            pytest.fail(f'the localizer did not end within {DEADLINE_S} s: {self.output()}')
-
-
-@pytest.fixture(scope='module')
-def start_localizer(tmp_path_factory):
-    """Start the executable with ROS arguments; it is stopped at the end of the module."""
-    folder = tmp_path_factory.mktemp('localizer')
+@pytest.fixture
+def start_localizer(tmp_path):
+    """Start the executable with ROS arguments; it is stopped at the end of the test."""
     started = []
 
     def start(*ros_args):
-        started.append(LocalizerProcess(folder / f'{len(started)}.log', *ros_args))
+        started.append(LocalizerProcess(tmp_path / f'localizer_{len(started)}.log', *ros_args))
         return started[-1]
 
     yield start

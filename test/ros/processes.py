@@ -5,6 +5,7 @@
 
 from functools import partial
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -15,6 +16,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 
 COMMAND = (sys.executable, '-m', 'dg_localization.ros')
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+DEADLINE_S = 60.0
 PIPES = {'stdout': subprocess.PIPE, 'stderr': subprocess.PIPE}
 
 
@@ -27,6 +29,29 @@ def start(name, *arguments, **options):
         text=True,
         **options,
     )
+
+
+class LocalizerProcess:
+    """The executable as a process of its own."""
+
+    def __init__(self, log, *ros_args):
+        self._log = log
+        arguments = ['--ros-args', *ros_args] if ros_args else []
+        with log.open('w') as output:
+            self.process = start('localizer', *arguments, stdout=output, stderr=subprocess.STDOUT)
+
+    def output(self):
+        return self._log.read_text()
+
+    def stop(self, number=signal.SIGINT):
+        """Signal the process, and return its exit code and all it printed."""
+        if self.process.poll() is None:
+            self.process.send_signal(number)
+        try:
+            return self.process.wait(timeout=DEADLINE_S), self.output()
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            raise AssertionError(f'not ended in {DEADLINE_S} s: {self.output()}') from None
 
 
 def wait_for(condition, deadline_s=120.0):

@@ -8,6 +8,7 @@ import signal
 
 from estimates import half_widths_of, pose_from_message
 import numpy as np
+from processes import LocalizerProcess
 import pytest
 
 from benchmarks.problems import fleet_placements
@@ -28,10 +29,12 @@ REFERENCE = 1
 
 
 @pytest.fixture(scope='module')
-def process(bench, start_localizer):
-    process = start_localizer('--params-file', CONFIG, *SHARP)
+def process(bench, tmp_path_factory):
+    log = tmp_path_factory.mktemp('localizer') / 'log'
+    process = LocalizerProcess(log, '--params-file', CONFIG, *SHARP)
     bench.until_status('fleet', Level.WARN, 'no usable measurement', deadline_s=60.0)
-    return process
+    yield process
+    process.stop()
 
 
 @pytest.fixture

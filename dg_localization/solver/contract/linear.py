@@ -147,7 +147,7 @@ def connected_points_of(problem: Problem, smoothed: FloatArray) -> list[Connecte
         points, among = np.flatnonzero(first == number), pairs[(ends == number).all(axis=1)]
         errors = problem.upper[among[:, 0], among[:, 1]] - problem.lower[among[:, 0], among[:, 1]]
         edges = np.searchsorted(points, among)
-        narrow = 100.0 * errors < errors.max(initial=0.0)
+        narrow = errors < 0.01 * errors.max(initial=0.0)
         is_held = narrow.any() and is_rigid(len(points), edges[narrow], problem.dimension)
         held_m2 = float(errors[narrow].sum() if is_held else errors.sum())
         groups.append(ConnectedPoints(points, edges, errors, held_m2))
