@@ -303,16 +303,20 @@ def test_anchors_are_where_the_newest_settings_say():
     assert np.allclose(first.positions_m + second.positions_m, [22.0, 0.0])
 
 
-def test_the_memory_is_bounded():
+@pytest.mark.parametrize('later_s', [0.0, 0.003])
+def test_the_memory_is_bounded(later_s):
+    """A range and a ray of one time are one observation; otherwise neither displaces the other."""
     localizer = new_localizer(('a', 'b'), memory_s=2.0)
     for step in range(5000):
-        now_s = 1.0 + 0.005 * step
+        ray_s = 1.0 + 0.005 * step
+        now_s = ray_s + later_s
+        localizer.add_bearing('a', 'b', [1.0, 0.0, 0.0], ray_s, ray_s)
         localizer.add_range('a', 'b', 3.0, now_s, now_s)
-        localizer.add_bearing('a', 'b', [1.0, 0.0, 0.0], now_s, now_s)
     (seen,) = localizer.snapshot(now_s).window.observations.values()
-    assert 280 <= len(seen) <= 301
-    # A range and a ray of one time are one observation.
-    assert all(item.upper_m < 4.0 and item.direction is not None for item in seen)
+    ranges = [item for item in seen if item.upper_m < 4.0]
+    rays = [item for item in seen if math.isfinite(item.half_width_rad)]
+    assert all(280 <= len(some) <= 301 for some in (ranges, rays))
+    assert (len(ranges) == len(seen)) is (later_s == 0.0)
     assert all(now_s - 2.0 < item.stamp_s <= now_s for item in seen)
 
 

@@ -9,7 +9,7 @@ A `Table` holds the observations of a pair of bodies as arrays.
 
 from __future__ import annotations
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right, insort
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 import math
@@ -97,6 +97,13 @@ class Observation(NamedTuple):
             expected_error_rad=reading.expected_error_rad,
         )
 
+    def is_of_kind(self, reading: DistanceReading | RayReading) -> bool:
+        """Return whether the observation has a distance or a ray as a reading has."""
+        has_ray = self.half_width_rad < NO_RAY_RAD
+        if isinstance(reading, RayReading):
+            return has_ray
+        return not has_ray or self.lower_m > 0.0 or self.upper_m < math.inf
+
 
 @dataclass(frozen=True)
 class Window:
@@ -133,7 +140,7 @@ NO_WINDOW = Window()
 
 class Memory:
     """
-    Keeps observations for `FleetConfig.memory_s`, the first of each short time slot.
+    Keeps observations for `FleetConfig.memory_s`, the first of each kind in a short time slot.
 
     Leaving out an observation is always sound.
 
@@ -144,8 +151,8 @@ class Memory:
     """
 
     def __init__(self, config: FleetConfig) -> None:
-        # The observations of the points of a link by their time slot, oldest first.
-        self._observations: dict[tuple[str, ...], dict[int, Observation]] = {}
+        # The observations of the points of a link, oldest first.
+        self._observations: dict[tuple[str, ...], list[Observation]] = {}
         self._newest_s = self._viewed_s = -math.inf
         self._memory_s = self._max_future_s = 0.0
         self.adopt(config)
@@ -156,13 +163,11 @@ class Memory:
         self._memory_s, self._slot_s = config.memory_s, config.memory_s / MOST_OBSERVATIONS
         # Stored stamps may be as late as an earlier value allowed.
         self._max_future_s = max(self._max_future_s, config.max_future_s)
-        for points, kept in self._observations.items():
-            young = [one for one in kept.values() if one.stamp_s > oldest_s]
-            by_slot = {math.floor(one.stamp_s / self._slot_s): one for one in young}
-            self._observations[points] = by_slot
+        for kept in self._observations.values():
+            del kept[: bisect_right(kept, oldest_s, key=STAMP_S)]
 
     def add(self, reading: DistanceReading | RayReading, now_s: float) -> None:
-        """Keep a reading that was accepted at `now_s`, unless its time slot is taken."""
+        """Keep a reading accepted at `now_s`, unless its time slot has one of its kind."""
         if self._memory_s <= 0.0:
             return
         if self._newest_s > now_s + self._max_future_s:
@@ -172,20 +177,24 @@ class Memory:
         if isinstance(reading, DistanceReading) and reading.lower_m > reading.upper_m:
             return
         self._newest_s = max(self._newest_s, reading.stamp_s)
-        kept = self._observations.setdefault(reading.key.points, {})
-        slot = math.floor(reading.stamp_s / self._slot_s)
-        before = kept.get(slot)
-        if before is None or before.stamp_s == reading.stamp_s:
-            observation = (before or Observation(reading.stamp_s)).joined(reading)
-            if observation.lower_m <= observation.upper_m:
-                is_late = before is None and bool(kept) and slot < next(reversed(kept))
-                kept[slot] = observation
-                if is_late:
-                    self._observations[reading.key.points] = kept = dict(sorted(kept.items()))
+        kept = self._observations.setdefault(reading.key.points, [])
         if len(kept) > MOST_OBSERVATIONS:
-            oldest = math.floor((now_s - self._memory_s) / self._slot_s)
-            for outdated in [slot for slot in kept if slot < oldest]:
-                del kept[outdated]
+            del kept[: bisect_left(kept, now_s - self._memory_s - self._slot_s, key=STAMP_S)]
+        slot = self._slot_of(reading)
+        first = bisect_left(kept, slot, key=self._slot_of)
+        end = bisect_right(kept, slot, key=self._slot_of)
+        stamps_s = [one.stamp_s for one in kept[first:end]]
+        if reading.stamp_s in stamps_s:
+            place = first + stamps_s.index(reading.stamp_s)
+            joined = kept[place].joined(reading)
+            if joined.lower_m <= joined.upper_m:
+                kept[place] = joined
+        elif not any(one.is_of_kind(reading) for one in kept[first:end]):
+            insort(kept, Observation(reading.stamp_s).joined(reading), key=STAMP_S)
+
+    def _slot_of(self, one: Observation | DistanceReading | RayReading) -> int:
+        """Return the number of the time slot of an observation or a reading."""
+        return math.floor(one.stamp_s / self._slot_s)
 
     def view(self, now_s: float, forgotten: Spans) -> Window:
         """Return the observations remembered at a time, without forgotten ones."""
@@ -194,11 +203,10 @@ class Memory:
         self._viewed_s = now_s
         found = {}
         for ends, kept in self._observations.items():
-            seen = tuple(kept.values())
-            first = bisect_right(seen, now_s - self._memory_s, key=STAMP_S)
-            end = bisect_right(seen, now_s, key=STAMP_S)
+            first = bisect_right(kept, now_s - self._memory_s, key=STAMP_S)
+            end = bisect_right(kept, now_s, key=STAMP_S)
             if first < end:
-                found[ends] = seen[first:end]
+                found[ends] = tuple(kept[first:end])
         return Window(MappingProxyType(found)).without(forgotten)
 
 
