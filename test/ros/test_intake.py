@@ -10,6 +10,7 @@ import math
 from hostile_messages import BEARING, CAMERA_INFO, CLOUD, ODOMETRY, RANGE
 from nav_msgs.msg import Odometry
 import numpy as np
+from processes import LATCHED
 import pytest
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, PointCloud2, Range
@@ -380,6 +381,12 @@ def test_a_camera_and_its_detections_turn_a_fleet(bench, make_node, text_message
     bench.until(is_there, 'one placement, turned by the camera')
     bench.until_status('input camera robot_1', Level.OK, 'in use')
     bench.until_status('input peers robot_1', Level.OK, 'in use')
+
+
+def test_the_matrix_of_a_latched_camera_is_taken_before_time_is_known(bench, make_node):
+    bench.node.create_publisher(CameraInfo, '/info', LATCHED).publish(camera_info())
+    make_node(use_sim_time=True, links=[f'/info {CAMERA_INFO} robot_1'])
+    bench.until_status('input camera robot_1', Level.OK, 'in use')
 
 
 def make_finder(**values):

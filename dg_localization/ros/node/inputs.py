@@ -109,9 +109,10 @@ class Inputs:
             )
 
     def drop_waiting(self) -> None:
-        """Drop messages that have arrived and were not taken yet."""
-        for subscription in self._subscriptions.values():
-            for _ in range(subscription.qos_profile.depth):
+        """Drop measurements that have arrived and were not taken yet."""
+        for link, subscription in self._subscriptions.items():
+            depth = 0 if link.key.kind is LinkKind.CAMERA else subscription.qos_profile.depth
+            for _ in range(depth):
                 if _taken_from(subscription) is None:
                     break
 

@@ -193,6 +193,9 @@ class LocalizerNode(ManagedNode):
         """Take one measurement; a wrong one is counted and raises nothing."""
         now_s = self._now_s()
         arrived_s = self._time.arrived_s(waited_s)
+        if link.key.kind is LinkKind.CAMERA:
+            # A matrix has no age, and a latched one does not come again.
+            now_s, arrived_s = now_s or 0.0, 0.0
         if now_s is None or arrived_s is None:
             return
         began_s = time.monotonic()
