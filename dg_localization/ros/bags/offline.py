@@ -307,6 +307,7 @@ class BagLocalizer:
             inputs=self.intake.states(now_s),
             malformed=self.intake.malformed,
             wrong_types=self._recording.wrong_types,
+            rejecting=self.intake.rejecting(now_s),
         )
         diagnostics = Diagnostics(now_s, statuses(report))
         for status in diagnostics.statuses:
