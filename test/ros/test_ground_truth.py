@@ -139,6 +139,7 @@ TABLES = {
     'capitals': ('TRUTH.CSV', 'Time,Robot,X,Y', '{t:.3f},{r},{x},{y}'),
     'nanoseconds': ('truth.csv', 'timestamp,robot,x,y', '{t:.1f}e9,{r},{x},{y}'),
     'milliseconds': ('truth.csv', 'stamp,robot,x,y', '{t:.1f}e3,{r},{x},{y}'),
+    'an index': ('truth.csv', ',stamp,robot,x,y', '7,{t:.3f},{r},{x},{y}'),
     'blanks': ('truth.txt', '# stamp robot x y', '{t:.3f} {r} {x} {y}'),
 }
 

@@ -44,6 +44,9 @@ SYNONYMS = {'timestamp': 'stamp', 'time': 'stamp', 't': 'stamp', 'name': 'robot'
 AXIS = re.compile(r'(?:[pt]_?|p_[a-z]{2}_[a-z]_)?([xyz])|q(?:_?|_[a-z]{2}_)([wxyz])')
 """A coordinate as TUM (`tx`) and EuRoC (`p_RS_R_x`, `q_RS_w`) name it."""
 
+NUMBER = re.compile(r'[-+]?\.?\d|nan\b')
+"""The beginning of the first cell of a row of numbers."""
+
 COLUMN_UNITS = ('', 'm', 's', 'ns', 'rad')
 """Units in brackets after the name of a column."""
 
@@ -219,9 +222,8 @@ def read_columns(path: Path) -> tuple[Sequence[str], list[tuple[int, dict[str, s
         if mark == ';':
             # With another separator, commas may be decimal points.
             cells = [cell.replace(',', '.') for cell in cells]
-        is_data = cells[:1] and cells[0][:1] in '+-.0123456789n' and cells[0] != 'name'
         # A comment may name the columns, as in files in TUM format.
-        if not rows and not is_named and not is_data:
+        if not rows and not is_named and not NUMBER.match(cells[0]):
             names = [_column(cell) for cell in cells]
             is_named = line[0] != '#'
         elif line[0] != '#':
