@@ -418,14 +418,17 @@ def test_without_known_nodes_the_first_two_make_the_axes_and_the_mirror_is_told(
 
 def test_what_is_missing_is_told(survey):
     chain = (('n1', 'n2'), ('n2', 'n3'), ('n3', 'n1'), ('n3', 'n4'))
+    error = '--error', '-0.03', '0.03'
     known = [part for name in ('n1', 'n2', 'n3') for part in ('--anchor', name, *PLACES[name])]
-    code, _, told = survey(true_ranges(chain), '--error', '-0.03', '0.03', *known)
+    code, _, told = survey(true_ranges(chain), *error, *known)
     assert code == 1 and 'what is missing' in told and 'n4' in told
     wrong = [*true_ranges(), ('n2', 'n4', 9.0)]
-    code, anchors, told = survey(wrong, '--error', '-0.03', '0.03', *known)
+    code, anchors, told = survey(wrong, *error, *known)
     assert code == 1 and anchors is None and 'these contradict each other' in told
-    _, anchors, told = survey(wrong, '--error', '-0.03', '0.03', *known, '--outliers', '1')
+    code, anchors, told = survey(wrong, *error, *known, '--outliers', '1')
     assert 'Left out: ' in told and set(anchors['names']) == set(PLACES)
+    # By its other ranges n4 is on either side of n1 and n3; its bound holds both places.
+    assert code == 1 and anchors['n4']['bound'] > 4.7
 
 
 @pytest.mark.parametrize(
@@ -433,6 +436,7 @@ def test_what_is_missing_is_told(survey):
     [
         ([('n1', 'n2', 'far')], ['--error', '0', '1'], 'line 2: could not convert'),
         ([('n1', 'n2', 1.0)], ['--error', '1', '0'], 'min_error'),
+        ([('n1', '2', 1.0)], ['--error', '0', '1'], "'2' cannot be the name of an anchor"),
         ([('n1', 'n2', 1.0)], ['--error', '0', '1', '--anchor', 'n1', 'x'], '--anchor: could'),
     ],
 )

@@ -14,6 +14,7 @@ import argparse
 from collections.abc import Iterator, Sequence
 from math import inf
 from pathlib import Path
+import re
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ from dg_localization.ros.executables import (
     print_line,
     print_result,
 )
+from dg_localization.ros.interface.links import ANY_NAME
 from dg_localization.ros.interface.parameters.settings import parameters_text
 from dg_localization.ros.spinning import own_arguments
 
@@ -56,6 +58,12 @@ def survey(
     """Place nodes at rest by all their ranges; nodes with known coordinates are anchors."""
     low_m, high_m = options.error
     names = {name: None for observer, target, _ in readings for name in (observer, target)}
+    for name in names:
+        if not re.fullmatch(ANY_NAME, name):
+            raise UsageError(
+                f"'{name}' cannot be the name of an anchor: it must begin with a letter and go on "
+                'with letters, digits and underscores'
+            )
     try:
         config = FleetConfig(
             robots=tuple(name for name in names if name not in anchors),
@@ -82,8 +90,8 @@ def missing(estimate: Estimate) -> Iterator[str]:
     """Yield reasons why the nodes have no unique places, up to a mirror image."""
     if not estimate.placements:
         yield estimate.reason
-    for conflict in estimate.conflicts:
-        yield f'these contradict each other: {", ".join(map(str, conflict))}'
+        for conflict in estimate.conflicts:
+            yield f'these contradict each other: {", ".join(map(str, conflict))}'
     yield from (f'{text} (what is missing)' for text in estimate.would_fix)
     for placement in estimate.placements[:1]:
         open_ones = ~np.isfinite(placement.enclosure_m).all(axis=(1, 2))
@@ -107,8 +115,9 @@ def anchors_as_yaml(estimate: Estimate, anchors: dict[str, Anchor], source: str)
     for name, anchor in anchors.items():
         found[name] = {'position': [*anchor.coordinates_m], 'bound': anchor.bound_m}
     places_m = np.round(placement.positions_m, 4)
-    # The farthest corner of the enclosure, plus rounding to four decimals.
-    off_m = np.abs(placement.enclosure_m - places_m[:, None]).max(axis=1)
+    # The farthest corner of the enclosures, plus rounding to four decimals.
+    agreeing = [one.enclosure_m for one in estimate.placements if not one.mirrored]
+    off_m = np.abs(np.concatenate(agreeing, axis=1) - places_m[:, None]).max(axis=1)
     bounds_m = np.ceil(1e4 * np.linalg.norm(off_m, axis=1) + 1.0) / 1e4
     for name, place_m, bound_m in zip(estimate.robots, places_m, bounds_m, strict=True):
         found[name] = {'position': place_m.tolist(), 'bound': float(bound_m)}
@@ -141,6 +150,6 @@ def main(args: Sequence[str]) -> int:
     wanting = list(missing(estimate))
     for text in wanting:
         print_line(text)
-    if estimate.placements:
+    if estimate.placements and len(estimate.placements) == estimate.n_hypotheses:
         print_result(anchors_as_yaml(estimate, anchors, options.ranges.name))
     return EXIT_FAILED if wanting else 0
