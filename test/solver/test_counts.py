@@ -14,7 +14,7 @@ import os
 
 import numpy as np
 import pytest
-from solver_cases import bounds, holding, problem_of, squared_distances
+from solver_cases import CancelAfter, bounds, holding, problem_of, squared_distances
 
 from dg_localization import Chirality, Problem, Side, SideConstraint, SolverOptions, Verdict, solve
 
@@ -335,3 +335,28 @@ def test_the_list_has_what_is_possible_and_is_never_empty():
 def test_what_is_mirrored_at_every_joint_is_counted_exactly():
     result = solve(folded_strip(40))
     assert result.n_hypotheses == 2**37 and not result.n_hypotheses_is_bound
+
+
+@pytest.mark.parametrize('most', range(1, 40, 2))
+def test_sides_that_there_was_no_time_to_tell_are_counted(most):
+    result = solve(folded_strip(6), cancel=CancelAfter(most))
+    assert result.n_hypotheses >= 2**3 or result.verdict is Verdict.OUT_OF_BUDGET
+    assert result.n_hypotheses_is_bound or result.n_hypotheses == 2**3
+
+
+def test_sides_of_two_pieces_with_many_hypotheses_are_counted():
+    """On a line ten bars of 1 m in a ring have 126 placements; two rings share a point."""
+    positions = np.array([[x % 2 if x < 10 else 1 - x % 2] for x in range(19)], dtype=float)
+    bars = [(x, x + 1) for x in range(18) if x != 9] + [(0, 9), (0, 10), (0, 18)]
+    result = solve(problem_of(positions, bars, error=1e-3), SolverOptions(max_boxes=10**4))
+    assert result.n_hypotheses >= 2 * 126**2
+
+
+@pytest.mark.parametrize('n_points', [9, 49])
+def test_parts_that_given_boxes_leave_between_pieces_are_counted(n_points):
+    positions = np.random.default_rng(0).random((n_points, 2))
+    bodies = range(n_points // 2 + 1), (0, *range(n_points // 2 + 1, n_points))
+    problem = problem_of(positions, [pair for body in bodies for pair in combinations(body, 2)])
+    far_m2 = solve(problem).upper[1, -1]
+    parts = [{(1, n_points - 1): (part * far_m2, 1.05 * part * far_m2)} for part in (0.6, 0.8)]
+    assert solve(problem, within=[bounds(n_points, part) for part in parts]).n_hypotheses == 2

@@ -54,9 +54,7 @@ def test_a_grid_with_holes_keeps_the_truth(seed, error, answer):
     most = 300 if seed % 2 and answer is solve else 20
     result = answer(problem, SolverOptions(max_boxes=most), within=within)
     assert result.verdict is not Verdict.INFEASIBLE
-    done = result.statistics
-    assert done.processed == done.empty + done.split + done.kept
-    assert (result.verdict is Verdict.OUT_OF_BUDGET) == (done.pending > 0)
+    assert (result.verdict is Verdict.OUT_OF_BUDGET) == (result.statistics.pending > 0)
     assert answer is solve_as_one or not missing(result, positions)
     assert all_parts_hold(result, squared)
 
@@ -72,8 +70,8 @@ def test_patches_that_were_not_examined_take_no_boxes_of_other_pieces():
 def test_a_contradiction_between_patches_is_a_proof():
     problem, _ = braced_grid(8, 8, 0.001)
     lower, upper = problem.lower.copy(), problem.upper.copy()
-    lower[0, 1] = lower[1, 0] = 1.2 * lower[0, 1]
-    upper[0, 1] = upper[1, 0] = 1.2 * upper[0, 1]
+    for bound in (lower, upper):
+        bound[[0, 1], [1, 0]] *= 1.2
     result = solve(Problem(lower, upper))
     assert result.verdict is Verdict.INFEASIBLE
     assert {0, 1} <= set(result.pieces[0].points)
@@ -94,7 +92,6 @@ def test_chains_bound_far_pairs_from_above_and_near_ones_from_below():
 
 @pytest.mark.parametrize(('degree', 'seed', 'n_hypotheses'), [(5, 110, 16), (6, 165, 48)])
 def test_bodies_of_wide_distances_are_not_split_in_the_middle(degree, seed, n_hypotheses):
-    """Both took 650 to 700 boxes, and had as many hypotheses."""
     positions, _ = neighbors(30, degree, 2, seed)
     result = solve(uwb_fleet(30, degree, seed), SolverOptions(max_boxes=10**4))
     assert result.verdict is Verdict.COVERED and result.statistics.processed < 300

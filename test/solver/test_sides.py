@@ -26,7 +26,6 @@ SQUARE = {(0, 1): (1, 1), (1, 2): (1, 1), (2, 3): (1, 1), (0, 3): (1, 1), (0, 2)
     ],
 )
 def test_which_side_is_which(constraints, squared_m2):
-    """Side constraints and pairs of chiralities, in any order of their points, agree in sign."""
     result = solve(Problem(*bounds(4, SQUARE), **constraints))
     (hypothesis,) = result.hypotheses
     assert hypothesis.lower[1, 3] <= squared_m2 <= hypothesis.upper[1, 3]

@@ -70,6 +70,7 @@ class Network:
 
     sites: list[Site] = field(default_factory=list)
     links: list[PieceLink] = field(default_factory=list)
+    n_unlinked: int = 0  # the number of pieces at sites whose sides no link tells
     is_exact: bool = True
     lists_all_sides: bool = True  # false if one combination of the list stands for several
 
@@ -117,14 +118,14 @@ class Combinations:
             self._links_of[link.second].append(link)
         self._drop_unmatched(network.links)
         # Whether `number` excludes all combinations that a link rules out.
-        self.is_exact = network.is_exact
+        self.is_exact = network.is_exact and network.n_unlinked == 0
         self.lists_all_sides = network.lists_all_sides
         self.forest: list[PieceLink] = []
         self._order: list[int] = []
         self._roots: list[int] = []
         self._branches: list[list[tuple[int, PieceLink]]] = [[] for _ in self.left]
         self._plant(network.links)
-        self.number = self._count()
+        self.number = self._count() << network.n_unlinked
 
     @property
     def contradiction(self) -> int | None:

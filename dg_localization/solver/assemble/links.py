@@ -111,20 +111,21 @@ class Linker:
 
     def _apexes(self, joint: Joint) -> tuple[Apexes, set[tuple[int, int]]]:
         """
-        Return the apexes of the hypotheses at a face, and the hypotheses with an apex only partly.
+        Return the apexes of the hypotheses at a face, and the hypotheses that may have one.
 
-        Partly: only with some hypotheses of other pieces that bound the face too. When the time is
-        over, all remaining sides are open.
+        These have an apex only with some hypotheses of other pieces that bound the face too, or
+        were not examined in time.
         """
         apexes: Apexes = {}
-        partly: set[tuple[int, int]] = set()
+        perhaps: set[tuple[int, int]] = set()
         for number in joint.pieces:
             piece = self._pieces[number]
             others: list[SolvedPiece] = []
             face: Bounds | None = None
             for x in range(self._n(number)):
                 if self._budget.is_over():
-                    return apexes, partly
+                    perhaps.update((number, y) for y in range(x, self._n(number)))
+                    break
                 # Most pieces have an apex by their own bounds.
                 apex = apex_of(piece, x, joint.points)
                 if apex is None:
@@ -138,8 +139,8 @@ class Linker:
                 if apex is not None:
                     apexes[number, x] = apex
                 elif self._has_apex_with_some(piece, x, joint.points, others):
-                    partly.add((number, x))
-        return apexes, partly
+                    perhaps.add((number, x))
+        return apexes, perhaps
 
     def _has_apex_with_some(
         self, piece: SolvedPiece, x: int, face: Points, others: Sequence[SolvedPiece]
@@ -192,11 +193,11 @@ class Linker:
         """Link each piece of a joint or site with its first piece."""
         hub = members[0]
         for other in members[1:]:
-            if self._budget.is_overdue():
-                return
-            link = self._link(hub, other, site)
+            link = None if self._budget.is_overdue() else self._link(hub, other, site)
             if link is not None:
                 network.links.append(link)
+            elif site:
+                network.n_unlinked += 1
         if site and sum(site.n_certain(x) > 0 for x in members) > 2:
             if site.n_certain(hub) < self._n(hub):
                 network.is_exact = False

@@ -110,20 +110,20 @@ class Product:
         """
         number, n_points = self.combinations.number, self._problem.n_points
         is_plain = self._is_counted and self.combinations.is_exact
-        is_large = n_points > MOST_CONTRACTED
-        if is_plain or len(self.solved.pieces) == 1 or is_large or budget.is_over():
+        if is_plain or len(self.solved.pieces) == 1:
             return number
-        if not self._is_counted and self._assembly.hull is None:
-            return 0
-        is_listed = self._is_crossed or not self.combinations.is_exact
-        if is_listed and self.combinations.lists_all_sides:
-            most_steps = max(1, MOST_WORK // n_points**3)
-            listing = _Listing(self._options.max_hypotheses, most_steps)
-            self._list(listing, budget)
-            if listing.is_complete and not budget.is_over():
-                self._is_counted = True
-                self.hypotheses = tuple(listing.found)
-                return len(listing.found)
+        if n_points <= MOST_CONTRACTED and not budget.is_over():
+            if not self._is_counted and self._assembly.hull is None:
+                return 0
+            is_listed = self._is_crossed or not self.combinations.is_exact
+            if is_listed and self.combinations.lists_all_sides:
+                most_steps = max(1, MOST_WORK // n_points**3)
+                listing = _Listing(self._options.max_hypotheses, most_steps)
+                self._list(listing, budget)
+                if listing.is_complete and not budget.is_over():
+                    self._is_counted = True
+                    self.hypotheses = tuple(listing.found)
+                    return len(listing.found)
         # Each combination may have a part in each group of boxes.
         boxes = [as_box(part) for part in self._within or ()]
         return number * max(1, len(hulls_of(boxes)))
