@@ -5,6 +5,7 @@
 Fleets over time: what ranges and odometry tell of robots that move.
 
     python -m benchmarks.fleet_in_time simulated [--runs 10] [--robots 2 3 4 6] [--seconds 15]
+        [--limit 0.15]
     python -m benchmarks.fleet_in_time mrclam [--data ../shared/data/mrclam] [--outliers 0]
         [--fitted readings|half|whole] [--keep 0.95] [--margin 0.1]
     python -m benchmarks.fleet_in_time rate [--data ../shared/data/mrclam] [--outliers 0]
@@ -118,13 +119,15 @@ class SimulatedFleet:
     rng: np.random.Generator
 
     @classmethod
-    def draw(cls, seed: int, robots: int, seconds: float, memory_s: float) -> SimulatedFleet:
+    def draw(
+        cls, seed: int, robots: int, seconds: float, memory_s: float, limit_s: float = math.inf
+    ) -> SimulatedFleet:
         """Return a fleet of a seed."""
         rng = np.random.default_rng([seed, robots])
         members = [SimulatedRobot.drive(rng, seconds, ODOMETRY_ERROR) for _robot in range(robots)]
         config = replace(
             driving_config(robots, memory_s),
-            memory_max_seconds=math.inf,
+            memory_max_seconds=limit_s,
             solver=SolverOptions(max_seconds=1.0),
         )
         return cls(members, Localizer(config), rng)
@@ -484,6 +487,8 @@ class Runs:
 
 def _median_and_95(values: Sequence[float]) -> str:
     """Return two percentiles as a cell of a table."""
+    if not len(values):
+        return '-'
     return '{:.2f} (95 %: {:.2f})'.format(*np.percentile(values, [50, 95]))
 
 
@@ -492,15 +497,20 @@ def _arcs_rad(estimate: Estimate) -> FloatArray:
     return np.minimum(2.0 * estimate.placements[0].heading_half_width_rad, 2.0 * math.pi)
 
 
-def simulated(robots: int, runs: int, seconds: float, memory_s: float) -> Runs:
+def simulated(
+    robots: int, runs: int, seconds: float, memory_s: float, limit_s: float = math.inf
+) -> Runs:
     """Return the figures of simulated fleets of a size."""
     figures = Runs()
     for seed in range(runs):
-        figures.run(SimulatedFleet.draw(seed, robots, seconds, memory_s), seconds, 1.0)
+        fleet = SimulatedFleet.draw(seed, robots, seconds, memory_s, limit_s)
+        figures.run(fleet, seconds, 1.0)
     return figures
 
 
-def report_simulated(robots: list[int], runs: int, seconds: float, memory_s: float) -> None:
+def report_simulated(
+    robots: list[int], runs: int, seconds: float, memory_s: float, limit_s: float
+) -> None:
     """Print the table of simulated fleets."""
     print(
         '| robots | seconds | truth inside | one hypothesis | with all headings '
@@ -508,7 +518,7 @@ def report_simulated(robots: list[int], runs: int, seconds: float, memory_s: flo
         '| heading width (rad) | farthest point off by (m) | widest enclosure (m) | ms (95 %) |'
     )
     for count in robots:
-        print(simulated(count, runs, seconds, memory_s).row(count, seconds), flush=True)
+        print(simulated(count, runs, seconds, memory_s, limit_s).row(count, seconds), flush=True)
 
 
 def main() -> None:
@@ -520,6 +530,13 @@ def main() -> None:
     parser.add_argument('--robots', type=int, nargs='+', default=[2, 3, 4, 6])
     parser.add_argument('--seconds', type=float, default=15.0)
     parser.add_argument('--memory', type=float, default=30.0, metavar='SECONDS')
+    parser.add_argument(
+        '--limit',
+        type=float,
+        default=math.inf,
+        metavar='SECONDS',
+        help='memory.max_seconds of simulated fleets',
+    )
     parser.add_argument('--data', type=Path, default=Path('../shared/data/mrclam'))
     parser.add_argument('--outliers', type=int, default=0)
     parser.add_argument('--every', type=float, default=5.0, metavar='SECONDS')
@@ -533,7 +550,13 @@ def main() -> None:
     parser.add_argument('--margin', type=float, default=0.1, metavar='SHARE')
     arguments = parser.parse_args()
     if arguments.study == 'simulated':
-        report_simulated(arguments.robots, arguments.runs, arguments.seconds, arguments.memory)
+        report_simulated(
+            arguments.robots,
+            arguments.runs,
+            arguments.seconds,
+            arguments.memory,
+            arguments.limit,
+        )
     elif arguments.study == 'rate':
         print('| memory (s) | outliers | truth inside | ms (95 %) |')
         report_rate(arguments.data, arguments.outliers, arguments.memory, arguments.start)

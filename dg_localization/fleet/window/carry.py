@@ -106,8 +106,12 @@ class CarriedWindow:
 
         Only pairs that observed each other in the last `newest_s` seconds count.
         """
-        robots = self._pairs_of_robots(newest_s)
-        robots.sort(key=lambda pair: float(self.tables[pair].upper_m[0]))
+
+        def last_m(pair: Pair) -> float:
+            upper_m = self.tables[pair].upper_m
+            return float(upper_m[np.isfinite(upper_m).argmax()])
+
+        robots = sorted(self._pairs_of_robots(newest_s), key=last_m)
         ranks: Counter[int] = Counter()
         near = []
         for pair in robots:
