@@ -384,8 +384,8 @@ def test_a_camera_and_its_detections_turn_a_fleet(bench, make_node, text_message
 
 
 def test_the_matrix_of_a_latched_camera_is_taken_before_time_is_known(bench, make_node):
-    bench.node.create_publisher(CameraInfo, '/info', LATCHED).publish(camera_info())
-    make_node(use_sim_time=True, links=[f'/info {CAMERA_INFO} robot_1'])
+    bench.node.create_publisher(CameraInfo, '/eye/info', LATCHED).publish(camera_info())
+    make_node(use_sim_time=True, links=[f'/eye/info {CAMERA_INFO} robot_1'])
     bench.until_status('input camera robot_1', Level.OK, 'in use')
 
 
