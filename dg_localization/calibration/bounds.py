@@ -11,7 +11,7 @@ since future errors may be larger.
 from collections.abc import Iterable
 from dataclasses import dataclass
 import math
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -64,8 +64,7 @@ class Choice:
     margin: float = 0.1
 
 
-@dataclass(frozen=True)
-class ErrorShape:
+class ErrorShape(NamedTuple):
     """The growth of range errors with the range: bounds as fractions, or a slope."""
 
     relative: bool = False

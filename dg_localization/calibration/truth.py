@@ -9,7 +9,7 @@ Answers of a localizer are checked for whether they hold the truth, and for thei
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -217,8 +217,7 @@ ROUNDING = 1e-6
 """Tolerance in m and in rad: bounds along the axes of a frame have no width; truth is rounded."""
 
 
-@dataclass(frozen=True)
-class TruePlacement:
+class TruePlacement(NamedTuple):
     """
     The true poses of the robots at one time, as far as known.
 
@@ -276,8 +275,7 @@ class TruePlacement:
         return angles_between(rotation_of_quaternion(orientations_xyzw), self.rotations)
 
 
-@dataclass(frozen=True)
-class FleetTruth:
+class FleetTruth(NamedTuple):
     """
     The ground truth of a fleet.
 

@@ -16,7 +16,6 @@ heading bends the path after it.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from enum import StrEnum
 import math
 from types import MappingProxyType
@@ -71,8 +70,7 @@ class Path(StrEnum):
     LOOPS = 'loops'
 
 
-@dataclass(frozen=True)
-class FleetState:
+class FleetState(NamedTuple):
     """
     The true poses of the robots at one time.
 
@@ -222,8 +220,7 @@ def _before_rounding(bound: float) -> float:
     return max(0.0, (1.0 - ROUNDING_SHARE) * bound - SINGLE_PRECISION)
 
 
-@dataclass(frozen=True)
-class OdometryErrors:
+class OdometryErrors(NamedTuple):
     """
     Bounds of the errors of odometry, relative to the true step as well as to the measured one.
 

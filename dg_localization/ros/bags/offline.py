@@ -10,12 +10,12 @@ The output is an .mcap, written by the package rosbags: equal messages give equa
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import math
 import os
 from pathlib import Path
 import shutil
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import rclpy
 from rclpy.context import Context
@@ -51,8 +51,7 @@ FOREVER = (2**31 - 1, 2**32 - 1)
 DISCOVERY = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 
 
-@dataclass(frozen=True)
-class Task:
+class Task(NamedTuple):
     """The parameters without time limits, the name of the node, and the names of its outputs."""
 
     settings: Settings

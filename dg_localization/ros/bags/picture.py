@@ -10,14 +10,14 @@ HTML, which printers and mail programs show as well as browsers.
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from html import escape
 from importlib.util import find_spec
 from io import StringIO
 from itertools import pairwise
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,8 +58,7 @@ def check_can_draw() -> None:
         )
 
 
-@dataclass(frozen=True)
-class _Moment:
+class _Moment(NamedTuple):
     """
     The answer at one time; the name of its frame is empty if there are no placements.
 

@@ -10,12 +10,11 @@ paragraphs and tables, which become Markdown or HTML.
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import timedelta
 import json
 import math
 import re
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -151,8 +150,7 @@ def as_json(tree: Tree) -> str:
     return json.dumps(tree, indent=2, allow_nan=False) + '\n'
 
 
-@dataclass(frozen=True)
-class Sheet:
+class Sheet(NamedTuple):
     """A table of a report: the names of its columns, and its rows."""
 
     columns: Sequence[str]

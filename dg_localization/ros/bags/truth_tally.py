@@ -13,8 +13,6 @@ from dg_localization.ros.bags.report import Runs, Tree
 from dg_localization.ros.bags.truth import apart_text
 from dg_localization.solver.result import Verdict
 
-COUNTS = ('compared', 'held', 'infeasible', 'unlisted', 'uncompared')
-
 OF_TRUTH = FixedFrame(FrameKind.ANCHORS, ())
 """The frame of the truth."""
 
@@ -36,7 +34,7 @@ class TruthTally:
     """
 
     def __init__(self, truth: FleetTruth) -> None:
-        self.counts = dict.fromkeys(COUNTS, 0)
+        self.counts = {'compared': 0, 'held': 0, 'infeasible': 0, 'unlisted': 0, 'uncompared': 0}
         self.misses = Runs()
         self._truth = truth
         self._robots = truth.fleet.robots

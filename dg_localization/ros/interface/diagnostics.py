@@ -28,8 +28,6 @@ from msg_adapters import Level, Status
 # A smaller fraction of the wanted rate gives a warning.
 TOLERATED_RATE = 0.9
 
-LOCALIZED = Level.OK, 'localized: one hypothesis'
-
 
 @dataclass(frozen=True)
 class Report:
@@ -163,7 +161,8 @@ def _fleet_state(report: Report) -> tuple[Level, str]:
     ]
     if estimate.groups:
         problems.append(f'{len(estimate.groups)} more in frames of their own')
-    return (Level.WARN, '; '.join(problems)) if problems else LOCALIZED
+    text = '; '.join(problems) or 'localized: one hypothesis'
+    return Level.WARN if problems else Level.OK, text
 
 
 def _too_wide(report: Report, estimate: Estimate, rows: Iterable[int]) -> Iterator[str]:

@@ -249,7 +249,10 @@ class Intake:
     def rejecting(self, now_s: float) -> dict[LinkKey, str]:
         """Return the inputs that rejected most of their recent readings, with the reasons."""
         states = self._localizer.input_states(now_s)
-        counts = {state.key: (state.accepted, _harmful(state)) for state in states}
+        counts = {}
+        for state in states:
+            harmful = [n for reason, n in state.rejected.items() if reason not in HARMLESS]
+            counts[state.key] = state.accepted, sum(harmful)
         while len(self._counts) > 1 and now_s - self._counts[1][0] > REJECTING_S:
             self._counts.popleft()
         if not self._counts or now_s - self._counts[-1][0] >= 1.0:
@@ -271,11 +274,6 @@ class Intake:
         """Return the states of all inputs."""
         states = (*self._localizer.input_states(now_s), *self._cameras.states(now_s))
         return {state.key: state for state in states}
-
-
-def _harmful(state: InputState) -> int:
-    """Return the number of rejections that show a fault."""
-    return sum(count for reason, count in state.rejected.items() if reason not in HARMLESS)
 
 
 def _deserialized(data: bytes, message_class: type) -> Any:
