@@ -54,29 +54,17 @@ LEAST_MEMORY_S = 0.001
 OF_ROBOTS = ('robot_max_speed_m_s', 'robot_odometry_error')
 """Settings of single robots, by their names."""
 
-KINDS = {
-    'odometry_error': OdometryErrorModel,
-    'drop_stuck': bool,
-    'solver': SolverOptions,
-}
-NOT_NEGATIVE, ANY_TIME = {'at_least': 0.0}, {'at_least': 0.0, 'finite': False}
+OF_SENSORS = frozenset(one.name for one in fields(SensorBounds))
+"""Settings that hold for readings without bounds of their own."""
+
+NOT_NEGATIVE = {'at_least': 0.0}
 LIMITS: Mapping[str, Mapping[str, Any]] = {
-    'max_age_s': NOT_NEGATIVE,
-    'max_future_s': NOT_NEGATIVE,
-    'stamp_error_s': NOT_NEGATIVE,
-    'memory_s': NOT_NEGATIVE,
-    'max_speed_m_s': NOT_NEGATIVE,
-    'max_turn_rate_rad_s': NOT_NEGATIVE,
-    'min_separation_m': NOT_NEGATIVE,
-    'max_conflict_seconds': ANY_TIME,
-    'memory_max_seconds': ANY_TIME,
+    'max_conflict_seconds': {'at_least': 0.0, 'finite': False},
+    'memory_max_seconds': {'at_least': 0.0, 'finite': False},
     'max_repeats': {'at_least': 1},
     'max_hypotheses': {'at_least': 1},
-    'max_outliers': NOT_NEGATIVE,
-    'window_outliers': NOT_NEGATIVE,
-    'stuck_readings': NOT_NEGATIVE,
-    'max_conflict_solves': NOT_NEGATIVE,
 }
+"""The limits of numbers that are not only finite and not negative."""
 
 
 @dataclass(frozen=True)
@@ -228,8 +216,9 @@ class FleetConfig:
 
     def _check_kinds(self) -> None:
         """Raise `ConfigError` on a setting of a wrong type."""
-        for name, kind in KINDS.items():
-            require_kind(name, getattr(self, name), kind)
+        require_kind('odometry_error', self.odometry_error, OdometryErrorModel)
+        require_kind('drop_stuck', self.drop_stuck, bool)
+        require_kind('solver', self.solver, SolverOptions)
         for robot, error in self.robot_odometry_error.items():
             require_kind(f'robot_odometry_error[{robot}]', error, OdometryErrorModel)
 
@@ -259,7 +248,9 @@ class FleetConfig:
         if not is_whole(self.dimension) or self.dimension not in (2, 3):
             raise not_allowed('dimension', self.dimension, 'it must be 2 or 3')
         keep(self, dimension=int(self.dimension))
-        keep_numbers(self, '', LIMITS)
+        numbers = {one.name for one in fields(self) if type(one.default) in (int, float)}
+        limits = {name: LIMITS.get(name, NOT_NEGATIVE) for name in sorted(numbers - OF_SENSORS)}
+        keep_numbers(self, '', limits)
         keep(self, **vars(self.sensor_bounds))
         if 0.0 < self.memory_s < LEAST_MEMORY_S:
             wanted = f'it must be 0, which remembers nothing, or >= {LEAST_MEMORY_S:g}'

@@ -13,13 +13,12 @@ from threading import Lock
 from dg_localization.fleet.admission import MOST_BEFORE_S
 from dg_localization.fleet.bodies import anchor_geometry
 from dg_localization.fleet.checks import require_kind
-from dg_localization.fleet.config import FleetConfig
+from dg_localization.fleet.config import OF_SENSORS, FleetConfig
 from dg_localization.fleet.error_models import finite_number
 from dg_localization.fleet.estimate import Estimate
 from dg_localization.fleet.estimation import estimate_snapshot
 from dg_localization.fleet.intake import MeasurementIntake
 from dg_localization.fleet.mounts import mount_geometry
-from dg_localization.fleet.sensors import SensorBounds
 from dg_localization.fleet.snapshot import Snapshot, take_snapshot
 from dg_localization.fleet.window.follow import Follower
 from dg_localization.interval.environment import default_environment
@@ -33,9 +32,6 @@ LIMITS = frozenset(
     }
 )
 """Settings that limit the work and the answer, and do not change any reading."""
-
-BOUNDS = frozenset(field.name for field in fields(SensorBounds))
-"""Settings that hold for readings added after them; earlier readings keep their own bounds."""
 
 MOTION = (
     *('max_speed_m_s', 'robot_max_speed_m_s', 'max_turn_rate_rad_s', 'min_separation_m'),
@@ -115,7 +111,8 @@ class Localizer(MeasurementIntake):
         if motion_of(config) != motion_of(self._stated):
             self._stated_s = math.inf
         self._stated = config
-        if changed <= LIMITS.union(BOUNDS, MOTION) and config.is_within(self._config):
+        # Earlier readings keep the bounds of sensors that they were added with.
+        if changed <= LIMITS.union(OF_SENSORS, MOTION) and config.is_within(self._config):
             former = dict(zip(MOTION, motion_of(self._config), strict=True))
             self._adopt(replace(config, **former))
             return True

@@ -11,7 +11,7 @@ whose message names the field, the value, and the allowed values.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import starmap
 import math
 from types import MappingProxyType
@@ -31,20 +31,8 @@ from dg_localization.fleet.checks import (
     require_one_of,
 )
 
-NOT_NEGATIVE = {'at_least': 0.0}
 NOT_FAR = {'at_least': 0.0, 'at_most': FARTHEST_M}
 HALF_TURN = {'at_least': 0.0, 'at_most': math.pi}
-RANGE_LIMITS: Mapping[str, Mapping[str, Any]] = {
-    'min_error_m': {},
-    'max_error_m': {},
-    'min_error_relative': {},
-    'max_error_relative': {},
-    'sigma_factor': NOT_NEGATIVE,
-    'expected_error_m': {},
-    'expected_error_relative': {},
-    'min_reading_m': {},
-    'max_reading_m': {'finite': False},
-}
 
 
 @dataclass(frozen=True)
@@ -99,7 +87,10 @@ class RangeErrorModel:
     max_reading_m: float = math.inf
 
     def __post_init__(self) -> None:
-        keep_numbers(self, 'range.', RANGE_LIMITS)
+        limits = dict.fromkeys((one.name for one in fields(self)), dict[str, Any]())
+        limits |= {'sigma_factor': {'at_least': 0.0}, 'max_reading_m': {'finite': False}}
+        del limits['beyond_max_is_far']
+        keep_numbers(self, 'range.', limits)
         require_kind('range.beyond_max_is_far', self.beyond_max_is_far, bool)
         if self.max_reading_m <= self.min_reading_m:
             least = f'range.min_reading_m, which is {self.min_reading_m!r}'
