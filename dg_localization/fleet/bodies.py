@@ -9,9 +9,10 @@ The anchors are the body of the world. Their geometry never changes and is compu
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ from dg_localization.interval.bounds import (
 from dg_localization.solver.problem import Chirality
 
 FloatArray = NDArray[np.float64]
+Point = TypeVar('Point', int, str)
 
 MAX_CORES = 6
 """Most sets of q anchors that are kept as axes of the fixed frame."""
@@ -81,7 +83,7 @@ def anchor_geometry(config: FleetConfig) -> AnchorGeometry:
     rows = [config.rows[name] for name in config.anchors]
     centers = np.array([anchor.coordinates_m for anchor in config.anchors.values()])
     bounds_m = np.array([anchor.bound_m for anchor in config.anchors.values()])
-    distances = _distances(rows, Interval.point(centers), bounds_m)
+    distances = squared_distances(rows, centers, bounds_m.tolist())
     return replace(_geometry(rows, boxes_around(centers, bounds_m[:, None])), distances=distances)
 
 
@@ -105,34 +107,23 @@ def _geometry(rows: list[int], boxes: Interval) -> AnchorGeometry:
     )
 
 
-def bounded_squared_distance(
-    s_lower_m2: float, s_upper_m2: float, first_bound_m: float, second_bound_m: float
-) -> tuple[float, float]:
-    """
-    Return bounds in m^2 of the squared distance of two points within bounds of two centers.
-
-    The first two arguments bound the squared distance of the centers.
-    """
-    if first_bound_m == second_bound_m == 0.0:
-        return max(0.0, s_lower_m2), s_upper_m2
-    return squared_distance(
-        sum_down(sqrt_down(s_lower_m2), -first_bound_m, -second_bound_m),
-        sum_up(sqrt_up(s_upper_m2), first_bound_m, second_bound_m),
-    )
-
-
-def _distances(
-    rows: list[int], centers: Interval, bounds_m: FloatArray
-) -> tuple[tuple[int, int, float, float], ...]:
-    """Return all pairs of anchors with bounds of their squared distance in m^2."""
-    first, second = np.triu_indices(len(rows), 1)
+def squared_distances(
+    points: Sequence[Point], centers_m: FloatArray, bounds_m: Sequence[float]
+) -> tuple[tuple[Point, Point, float, float], ...]:
+    """Return all pairs of points within bounds of centers, with bounds of s in m^2."""
+    first, second = np.triu_indices(len(points), 1)
+    centers = Interval.point(centers_m)
     squared = squared_norm(centers[first] - centers[second])
-    return tuple(
-        (rows[i], rows[j], *bounded_squared_distance(low, high, bounds_m[i], bounds_m[j]))
-        for i, j, low, high in zip(
-            first, second, squared.lower.tolist(), squared.upper.tolist(), strict=True
-        )
-    )
+    found: list[tuple[Point, Point, float, float]] = []
+    pairs = combinations(zip(points, bounds_m, strict=True), 2)
+    between_m2 = zip(squared.lower.tolist(), squared.upper.tolist(), strict=True)
+    for ((i, i_m), (j, j_m)), (lower_m2, upper_m2) in zip(pairs, between_m2, strict=True):
+        if i_m or j_m:
+            least_m = sum_down(sqrt_down(lower_m2), -i_m, -j_m)
+            most_m = sum_up(sqrt_up(upper_m2), i_m, j_m)
+            lower_m2, upper_m2 = squared_distance(least_m, most_m)
+        found.append((i, j, max(0.0, lower_m2), upper_m2))
+    return tuple(found)
 
 
 def _well_spread(centers: FloatArray, bounds_m: FloatArray) -> list[int]:

@@ -13,18 +13,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dg_localization.fleet.bodies import bounded_squared_distance, boxes_around
+from dg_localization.fleet.bodies import boxes_around, squared_distances
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.sensors import Mount
 from dg_localization.fleet.vocabulary import LinkKey, LinkKind, RayReading
 from dg_localization.interval.angles import angle_up, arcsine_up
-from dg_localization.interval.arrays import Interval, squared_norm
+from dg_localization.interval.arrays import Interval
 from dg_localization.interval.bounds import quotient_up, sqrt_down, sqrt_up, sum_up
 from dg_localization.poses import PairReadings
 
@@ -61,43 +60,36 @@ NO_MOUNTS = MountGeometry({}, (), {}, {}, {})
 
 def mount_geometry(config: FleetConfig) -> MountGeometry:
     """Return the geometry of the sensors from their places."""
-    origin = Mount((0.0,) * config.dimension)
-    members = {
-        robot: (robot, *(f'{robot}/{name}' for name in sensors))
-        for robot, sensors in config.mounts.items()
-        if sensors
-    }
-    distances, reach_m = [], {}
+    members = {robot: config.points_on(robot) for robot, own in config.mounts.items() if own}
+    distances: list[tuple[str, str, float, float]] = []
     rays: dict[str, list[RayReading]] = {}
     for points in members.values():
-        for first, second in combinations(points, 2):
-            pair = config.sensors.get(first, origin), config.sensors.get(second, origin)
-            places = [Interval.point(mount.position_m) for mount in pair]
-            squared = squared_norm(places[0] - places[1])
-            bounds_m = [mount.bound_m for mount in pair]
-            s_lower_m2, s_upper_m2 = bounded_squared_distance(
-                float(squared.lower), float(squared.upper), *bounds_m
-            )
-            distances.append((first, second, s_lower_m2, s_upper_m2))
-            if first == points[0]:
-                reach_m[second] = sqrt_up(s_upper_m2)
-            for ends, mounts in (((first, second), pair), ((second, first), pair[::-1])):
-                ray = _ray(ends, mounts, s_lower_m2)
-                if ray is not None:
-                    rays.setdefault(ends[0], []).append(ray)
+        mounts = _mounts_of(config, points)
+        places_m = np.array([mount.position_m for mount in mounts])
+        distances += squared_distances(points, places_m, [mount.bound_m for mount in mounts])
+    for first, second, s_lower_m2, _ in distances:
+        for ends in ((first, second), (second, first)):
+            ray = _ray(ends, _mounts_of(config, ends), s_lower_m2)
+            if ray is not None:
+                rays.setdefault(ends[0], []).append(ray)
     return MountGeometry(
         members,
         tuple(distances),
         {observer: tuple(known) for observer, known in rays.items()},
         {point: _in_space(mount.position_m) for point, mount in config.sensors.items()},
-        reach_m,
+        {second: sqrt_up(s_m2) for first, second, _, s_m2 in distances if first in members},
     )
+
+
+def _mounts_of(config: FleetConfig, points: Sequence[str]) -> list[Mount]:
+    """Return the mounts of points; robots are at the origins of their body frames."""
+    origin = Mount((0.0,) * config.dimension)
+    return [config.sensors.get(point, origin) for point in points]
 
 
 def places_on_body(config: FleetConfig, points: Sequence[str]) -> Interval:
     """Return the places of points in the body frames of their robots."""
-    origin = Mount((0.0,) * config.dimension)
-    mounts = [config.sensors.get(point, origin) for point in points]
+    mounts = _mounts_of(config, points)
     places_m = np.array([_in_space(mount.position_m) for mount in mounts]).reshape(-1, 3)
     bounds_m = np.zeros((len(mounts), 3))
     bounds_m[:, : config.dimension] = np.array([[mount.bound_m] for mount in mounts])
@@ -125,9 +117,7 @@ def readings_of(config: FleetConfig, sights: Sequence[Sight]) -> PairReadings:
     )
 
 
-def _ray(
-    ends: tuple[str, str], mounts: tuple[Mount, Mount], s_lower_m2: float
-) -> RayReading | None:
+def _ray(ends: tuple[str, str], mounts: Sequence[Mount], s_lower_m2: float) -> RayReading | None:
     """Return the direction from one sensor to another; None if it is unbounded."""
     observer, target = mounts
     line_m = _in_space(target.position_m) - _in_space(observer.position_m)

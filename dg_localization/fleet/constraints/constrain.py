@@ -149,16 +149,15 @@ def constrain(
     a loose distance.
     """
     config = snapshot.config
-    rows = config.rows
     known = [*remembered]
     firm = [bounds for bounds, is_loose in known if not is_loose]
-    lower, upper = given_distances(snapshot, dropped, rows, firm)
+    lower, upper = given_distances(snapshot, dropped, firm)
     measured = lower.copy(), upper.copy()
     for bounds, is_loose in known:
         if is_loose:
             intersect_pair(lower, upper, *bounds)
-    share_on_robots(snapshot, rows, lower, upper)
-    bundles = _bundles(snapshot, dropped, rows, lower)
+    share_on_robots(snapshot, lower, upper)
+    bundles = _bundles(snapshot, dropped, lower)
     by_observer = [bundle.angles() for bundle in bundles.values()]
     chiralities = list(snapshot.anchors.chiralities)
     for seen in by_observer if config.dimension == 2 else bundles.values():
@@ -188,9 +187,10 @@ def _narrow_by_angles(lower: FloatArray, upper: FloatArray, angles: Angles) -> N
 
 
 def _bundles(
-    snapshot: Snapshot, dropped: frozenset[LinkKey], rows: Mapping[str, int], lower: FloatArray
+    snapshot: Snapshot, dropped: frozenset[LinkKey], lower: FloatArray
 ) -> dict[str, RayBundle]:
     """Return the rays of every observer; their half widths include the displacements since."""
+    rows = snapshot.config.rows
     seen: dict[str, list[RayReading]] = {}
     for ray in snapshot.rays:
         if ray.key not in dropped:
@@ -205,7 +205,7 @@ def _bundles(
                 now = (replace(ray, stamp_s=snapshot.stamp_s) for ray in known)
                 seen.setdefault(observer, []).extend(now)
     return {
-        observer: RayBundle(rays, measured.get(observer, 0), rows, snapshot.motion)
+        observer: RayBundle(rays, measured.get(observer, 0), snapshot.motion)
         for observer, rays in seen.items()
         if rays
     }

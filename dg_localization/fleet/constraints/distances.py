@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from itertools import chain, combinations
 import math
 from typing import TypeAlias
@@ -37,41 +37,30 @@ PairBounds: TypeAlias = tuple[int, int, float, float]
 
 
 def given_distances(
-    snapshot: Snapshot,
-    dropped: frozenset[LinkKey],
-    rows: Mapping[str, int],
-    remembered: Iterable[PairBounds] = (),
+    snapshot: Snapshot, dropped: frozenset[LinkKey], remembered: Iterable[PairBounds] = ()
 ) -> tuple[FloatArray, FloatArray]:
     """Return bounds of all squared distances, from all data except the rays."""
-    lower = np.zeros((len(rows), len(rows)))
-    upper = np.full((len(rows), len(rows)), np.inf)
+    n_points = len(snapshot.config.points)
+    lower, upper = np.zeros((n_points, n_points)), np.full((n_points, n_points), np.inf)
     np.fill_diagonal(upper, 0.0)
-    given = chain(_bounds_of_pairs(snapshot, dropped, rows), remembered)
-    for i, j, s_lower_m2, s_upper_m2 in given:
-        intersect_pair(lower, upper, i, j, s_lower_m2, s_upper_m2)
+    for bounds in chain(_bounds_of_pairs(snapshot, dropped), remembered):
+        intersect_pair(lower, upper, *bounds)
     return lower, upper
 
 
-def share_on_robots(
-    snapshot: Snapshot, rows: Mapping[str, int], lower: FloatArray, upper: FloatArray
-) -> None:
+def share_on_robots(snapshot: Snapshot, lower: FloatArray, upper: FloatArray) -> None:
     """Bound the distances from each point of a robot by those of its other points, in place."""
-    for first, second, _, s_upper_m2 in snapshot.mounts.distances:
-        _share_bounds(lower, upper, rows[first], rows[second], sqrt_up(s_upper_m2))
-
-
-def _share_bounds(
-    lower: FloatArray, upper: FloatArray, first: int, second: int, apart_m: float
-) -> None:
-    """Bound the distances from two points of one robot by each other, in place."""
-    for known, bounded in ((first, second), (second, first)):
-        reach = Interval(np.array(-apart_m), np.array(apart_m))
-        squared = (Interval(lower[known], upper[known]).sqrt() + reach).square()
-        others = np.arange(len(lower)) != known
-        lower[bounded, others] = np.maximum(lower[bounded], squared.lower)[others]
-        upper[bounded, others] = np.minimum(upper[bounded], squared.upper)[others]
-        lower[bounded, bounded] = upper[bounded, bounded] = 0.0
-        lower[:, bounded], upper[:, bounded] = lower[bounded], upper[bounded]
+    for *ends, _, s_upper_m2 in snapshot.mounts.distances:
+        apart_m = np.array(sqrt_up(s_upper_m2))
+        first, second = (snapshot.config.rows[end] for end in ends)
+        for known, bounded in ((first, second), (second, first)):
+            reach = Interval(-apart_m, apart_m)
+            squared = (Interval(lower[known], upper[known]).sqrt() + reach).square()
+            others = np.arange(len(lower)) != known
+            lower[bounded, others] = np.maximum(lower[bounded], squared.lower)[others]
+            upper[bounded, others] = np.minimum(upper[bounded], squared.upper)[others]
+            lower[bounded, bounded] = upper[bounded, bounded] = 0.0
+            lower[:, bounded], upper[:, bounded] = lower[bounded], upper[bounded]
 
 
 def intersect_pair(
@@ -82,13 +71,12 @@ def intersect_pair(
     upper[i, j] = upper[j, i] = min(upper[i, j], s_upper_m2)
 
 
-def _bounds_of_pairs(
-    snapshot: Snapshot, dropped: frozenset[LinkKey], rows: Mapping[str, int]
-) -> Iterator[PairBounds]:
+def _bounds_of_pairs(snapshot: Snapshot, dropped: frozenset[LinkKey]) -> Iterator[PairBounds]:
     """Yield pairs of points with bounds of their squared distance."""
+    rows = snapshot.config.rows
     for reading in snapshot.distances:
         if reading.key not in dropped:
-            first, second = reading.key.observer, reading.key.target
+            first, second = reading.key.ends
             squared_m2 = squared_distance(reading.lower_m, reading.upper_m)
             yield rows[first], rows[second], *squared_m2
     yield from snapshot.anchors.distances

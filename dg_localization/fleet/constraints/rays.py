@@ -10,7 +10,7 @@ the observer between them, and widened by its uncertainty.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
@@ -125,8 +125,6 @@ class RayBundle:
         All rays of one observer, at least one; their displacement is included.
     measured : int
         The number of measured rays. The others come last and follow from mounts at any time.
-    rows : mapping of str to int
-        The row of each point.
     motion : Motion
         The motion of the observer between the times of the rays.
 
@@ -134,7 +132,6 @@ class RayBundle:
 
     rays: Sequence[RayReading]
     measured: int
-    rows: Mapping[str, int]
     motion: Motion
 
     def now(self, now_s: float) -> tuple[RayReading, ...]:
@@ -186,7 +183,8 @@ class RayBundle:
 
     def _corner(self, rays: Sequence[RayReading]) -> tuple[int, ...]:
         """Return the row of the observer and the rows of the targets of some rays."""
-        return (self.rows[rays[0].key.observer], *(self.rows[ray.key.target] for ray in rays))
+        rows = self.motion.config.rows
+        return (rows[rays[0].key.observer], *(rows[ray.key.target] for ray in rays))
 
     @cached_property
     def _views(self) -> list[tuple[RayReading, ...]]:

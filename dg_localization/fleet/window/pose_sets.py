@@ -173,7 +173,7 @@ def _readings_of_moment(snapshot: Snapshot, robot: str) -> PairReadings | None:
     for ray in snapshot.rays:
         place = anchors.get(ray.key.target)
         if ray.key.observer in own and place is not None:
-            (turned,) = RayBundle([ray], 1, config.rows, snapshot.motion).now(now_s)
+            (turned,) = RayBundle([ray], 1, snapshot.motion).now(now_s)
             off_m = np.full(2, ray.displacement_m)
             around, anywhere = place + Interval(-off_m, off_m), (0.0, math.inf)
             sight = ray.key.observer, around, anywhere, turned.direction, turned.half_width_rad
