@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 import math
 import time
@@ -93,8 +93,10 @@ class Answer:
         return replace(self, groups=tuple(parts[:count]), main=main)
 
 
-_OF_ALL = (Verdict.INFEASIBLE, Verdict.OUT_OF_BUDGET, Verdict.COVERED)
-"""The verdict of an answer is the first of these that some part has."""
+def worst_of(verdicts: Collection[Verdict]) -> Verdict:
+    """Return the verdict of an answer by the verdicts of its parts."""
+    worst_first = (Verdict.INFEASIBLE, Verdict.OUT_OF_BUDGET, Verdict.COVERED)
+    return next(verdict for verdict in worst_first if verdict in verdicts)
 
 
 def open_remedies(config: FleetConfig, found: Answer) -> tuple[str, ...]:
@@ -203,8 +205,7 @@ def answer_of(
         # Pieces of the main part are listed first.
         rigidity = found.rigidity + rigidity if plan is plans.main else rigidity + found.rigidity
     main = None if plans.main is None else parts.pop()
-    verdict = next(verdict for verdict in _OF_ALL if verdict in verdicts)
-    return Answer(verdict, statistics, tuple(parts), main, rigidity)
+    return Answer(worst_of(verdicts), statistics, tuple(parts), main, rigidity)
 
 
 def _answer_group(
@@ -236,8 +237,8 @@ def _answer_group(
         n_seen += 1
     else:
         # A list below its limit is complete; empty hypotheses are left out.
-        is_complete = len(result.hypotheses) < options.max_hypotheses
-        n_seen = result.n_hypotheses if is_complete else max(n_seen, options.max_hypotheses)
+        if n_seen < options.max_hypotheses:
+            n_seen = result.n_hypotheses
     n_unseen = max(0, result.n_hypotheses - n_seen)
     # A hypothesis whose headings contradict the rays has no placement.
     verdict = result.verdict if placements or n_unseen else Verdict.INFEASIBLE

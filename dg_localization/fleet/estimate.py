@@ -104,8 +104,9 @@ class Placement:
         Whether robots may be able to move without a change of any measurement. The rotation of a
         robot about its only measured sensor does not count.
     mirrored : bool
-        Whether this is the mirror image of the placement before it; the measurements cannot
-        distinguish the two.
+        Whether this is the mirror image of a placement before it; the measurements cannot
+        distinguish the two. Of a pair, the two follow each other; where parts of both are listed,
+        those of the second follow those of the first.
     dropped : tuple of LinkKey
         The contradicting links that are left out here; empty if all agree.
     landmarks_m : numpy.ndarray, shape (m, q)

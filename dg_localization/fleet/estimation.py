@@ -12,7 +12,14 @@ import time
 from typing import Any
 
 from dg_localization import SolverOptions
-from dg_localization.fleet.answers import Answer, Part, answer_of, open_remedies, would_fix
+from dg_localization.fleet.answers import (
+    Answer,
+    Part,
+    answer_of,
+    open_remedies,
+    worst_of,
+    would_fix,
+)
 from dg_localization.fleet.best_point.stated_way import carried_on
 from dg_localization.fleet.config import FleetConfig
 from dg_localization.fleet.constraints.constrain import Constraints, constrain
@@ -41,8 +48,6 @@ from dg_localization.interval.rounding import down, up
 from dg_localization.solver.options import Cancel
 from dg_localization.solver.result import Statistics, Verdict
 
-_WORST_FIRST = (Verdict.OUT_OF_BUDGET, Verdict.COVERED, Verdict.INFEASIBLE)
-
 
 @default_environment()
 def estimate_snapshot(
@@ -66,7 +71,7 @@ def estimate_snapshot(
     snapshot, by_memory = recalled.snapshot, recalled.forgotten
     # Without a measurement of now, odometry of a robot that has a set must tell of the present.
     if not snapshot.keys and not any(map(snapshot.odometry_is_young, recalled.carried_robots)):
-        return _without_data(snapshot, recalled), ()
+        return _without_data(snapshot, recalled.forgotten), ()
     in_window = suspects_in_window(snapshot, recalled.pose_sets, recalled.allowance.part(2))
     recalled_s = time.perf_counter()
     # The solver comes next; it has its own time limit.
@@ -80,7 +85,7 @@ def estimate_snapshot(
     if found.verdict is Verdict.INFEASIBLE and recalled.pose_sets.sets:
         recalled = recalled.without_pose_sets()
         if not snapshot.keys:
-            return _without_data(snapshot, recalled), ()
+            return _without_data(snapshot, recalled.forgotten), ()
         constraints = constrain(snapshot)
         found, plans = _solve(snapshot, constraints, snapshot.solver, cancel=cancel)
     if found.verdict is Verdict.INFEASIBLE:
@@ -167,27 +172,25 @@ def _solve(
     return answer_of(snapshot, constraints, plans, options, dropped, cancel), plans
 
 
-def _without_data(snapshot: Snapshot, recalled: Recollection) -> Estimate:
-    """Return the estimate if there is nothing to solve."""
-    return _estimate(snapshot, None, _no_data_reason(snapshot), forgotten=recalled.forgotten)
-
-
-def _no_data_reason(snapshot: Snapshot) -> str:
-    """Return why there is nothing to solve."""
-    if not snapshot.links:
-        return 'no usable measurement has arrived yet'
-    if any(link.contradicts for link in snapshot.links):
-        return 'all fresh measurements contradict what was measured before, and are left out'
-    if not all(link.stale for link in snapshot.links):
-        return 'range differences alone place no robot without young odometry and a memory'
+def _without_data(snapshot: Snapshot, forgotten: tuple[Forgotten, ...]) -> Estimate:
+    """Return the estimate if there is nothing to solve, with the reason."""
     ages_s = [link.age_s for link in snapshot.links if link.age_s >= 0.0]
-    if not ages_s:
-        return 'all measurements are later than the answer, which is for the time of the odometry'
-    youngest_s = min(ages_s)
-    return (
-        f'all measurements are stale: the youngest is {youngest_s:.2f} s old, '
-        f'max_age is {snapshot.config.max_age_s:g} s'
-    )
+    if not snapshot.links:
+        reason = 'no usable measurement has arrived yet'
+    elif any(link.contradicts for link in snapshot.links):
+        reason = 'all fresh measurements contradict what was measured before, and are left out'
+    elif not all(link.stale for link in snapshot.links):
+        reason = 'range differences alone place no robot without young odometry and a memory'
+    elif not ages_s:
+        reason = (
+            'all measurements are later than the answer, which is for the time of the odometry'
+        )
+    else:
+        reason = (
+            f'all measurements are stale: the youngest is {min(ages_s):.2f} s old, '
+            f'max_age is {snapshot.config.max_age_s:g} s'
+        )
+    return _estimate(snapshot, None, reason, forgotten=forgotten)
 
 
 def _estimate(
@@ -346,11 +349,10 @@ def _union(answers: list[Answer], statistics: Statistics) -> Answer:
     """Return the union of answers, with their work added to `statistics`."""
     for found in answers:
         statistics += found.statistics
-    verdicts = {found.verdict for found in answers}
     mains = [found.main for found in answers if found.main is not None]
     placements = tuple(place for main in mains for place in main.placements)
     return Answer(
-        verdict=next(verdict for verdict in _WORST_FIRST if verdict in verdicts),
+        verdict=worst_of([found.verdict for found in answers]),
         statistics=statistics,
         main=Part(mains[0].plan, placements, sum(main.n_hypotheses for main in mains)),
         # Corrections that drop different links may have different groups and frames.

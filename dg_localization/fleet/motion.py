@@ -49,6 +49,8 @@ class OdometryTrack:
     ----------
     answered_s : float
         The time of the last answer: the next one carries its pose sets on from there.
+    restart : str
+        A sentence on why the odometry last restarted; empty if it never did.
 
     """
 
@@ -59,7 +61,7 @@ class OdometryTrack:
         self._in_plane = config.dimension == 2
         self._readings: list[OdometrySample] = []
         self._restarted_s = 0.0
-        self._restart = ''
+        self.restart = ''
         self.answered_s = math.inf
 
     def adopt(self, config: FleetConfig) -> None:
@@ -68,11 +70,6 @@ class OdometryTrack:
         self._max_turn_rate_rad_s = config.max_turn_rate_rad_s
         self._error = config.odometry_error_of(self._robot)
         self._keep_s = max(config.max_age_s, config.memory_s) + config.max_future_s
-
-    @property
-    def restart(self) -> str:
-        """A sentence on why the odometry last restarted; empty if it never did."""
-        return self._restart
 
     @property
     def readings(self) -> tuple[OdometrySample, ...]:
@@ -119,7 +116,7 @@ class OdometryTrack:
                     f'{self._max_turn_rate_rad_s:g} rad/s allow'
                 )
             if restart:
-                self._restarted_s, self._restart = reading.stamp_s, f'started anew: {restart}'
+                self._restarted_s, self.restart = reading.stamp_s, f'started anew: {restart}'
                 step_m, turn_rad = self._longest(unknown_m, unknown_rad, elapsed_s)
                 step_m = sum_up(step_m, 2.0 * self._error.constant_m)
                 turn_rad = sum_up(turn_rad, 2.0 * self._error.constant_rad)

@@ -355,16 +355,12 @@ class OdometryPath:
         """Return samples of a track relative to sample `last`, and the errors of their yaws."""
         (center, half), turns = np.empty((2, len(then), 3)), np.empty(len(then))
         walk_back(positions, yaw, *errors, then, last, center, half, turns)
-        return self._bounded(center, half), turns
-
-    def _bounded(self, center: np.ndarray, half: np.ndarray) -> Interval:
-        """Return boxes (m, 3); positions too large for a subtraction bound nothing."""
+        # Positions too large for a subtraction bound nothing.
         known = np.isfinite(center) & np.isfinite(half)
-        half = np.where(known, half, np.inf)
-        bounds = Interval.around(np.where(known, center, 0.0), half)
+        bounds = Interval.around(np.where(known, center, 0.0), np.where(known, half, np.inf))
         if self._level:
             bounds.lower[:, 2] = bounds.upper[:, 2] = 0.0
-        return bounds
+        return bounds, turns
 
     def tilts(self, times_s: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """
@@ -382,6 +378,6 @@ class OdometryPath:
 
     def _ball(self, radius_m: np.ndarray) -> Interval:
         """Return the boxes around balls, flat in the plane, shape (m, 3)."""
-        flat = np.array([1.0, 1.0, 0.0 if self._level else 1.0])
-        half = np.where(flat > 0.0, radius_m[:, None], 0.0)
+        half = np.tile(radius_m[:, None], 3)
+        half[:, 2] = 0.0 if self._level else radius_m
         return Interval(-half, half)

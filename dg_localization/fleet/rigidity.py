@@ -165,11 +165,12 @@ class _Joined:
     def _best_pair(self, merit: Callable[[float, float], float]) -> tuple[int, int] | None:
         """Return the pair across the joint whose distances from it have the greatest merit."""
         first, second = (_distances_m(piece, self.joint.points) for piece in self.pieces)
-        pairs = {
-            (a, b): (merit(first[a], second[b]), max(first[a], second[b]))
-            for a, b in product(first, second)
-        }
-        return max(pairs, key=lambda pair: pairs[pair]) if pairs else None
+
+        def key(pair: tuple[int, int]) -> tuple[float, float]:
+            apart_m = first[pair[0]], second[pair[1]]
+            return merit(*apart_m), max(apart_m)
+
+        return max(product(first, second), key=key, default=None)
 
     def _tells_apart(self, first: int, second: int) -> bool:
         """

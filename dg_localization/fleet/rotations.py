@@ -50,14 +50,13 @@ def rotation_of_quaternion(quaternion_xyzw: ArrayLike) -> FloatArray:
 
 def rotation_angle_rad(rotation: np.ndarray) -> float:
     """Return the angle of a rotation matrix, in [0, pi]."""
-    axis = np.array(
-        [
-            rotation[2, 1] - rotation[1, 2],
-            rotation[0, 2] - rotation[2, 0],
-            rotation[1, 0] - rotation[0, 1],
-        ]
-    )
+    axis = _axis_of(rotation)
     return math.atan2(math.sqrt(axis @ axis), float(rotation.trace()) - 1.0)
+
+
+def _axis_of(m: np.ndarray) -> FloatArray:
+    """Return the axis of a rotation matrix, with twice the sine of its angle as length."""
+    return np.array([m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]])
 
 
 def yaw_of(xyzw: FloatArray) -> float:
@@ -79,25 +78,14 @@ def nearest_in_arc(yaw_rad: float, middle_rad: float, half_rad: float) -> tuple[
 
 def quaternion_of(rotation: FloatArray) -> FloatArray:
     """Return the unit quaternion xyzw of a rotation matrix."""
-    m = rotation
-    squares = np.array(
-        [
-            1.0 + m[0, 0] - m[1, 1] - m[2, 2],
-            1.0 - m[0, 0] + m[1, 1] - m[2, 2],
-            1.0 - m[0, 0] - m[1, 1] + m[2, 2],
-            1.0 + m[0, 0] + m[1, 1] + m[2, 2],
-        ]
-    )
-    x, y, z = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
-    columns = np.array(
-        [
-            [squares[0], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0], x],
-            [m[0, 1] + m[1, 0], squares[1], m[1, 2] + m[2, 1], y],
-            [m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], squares[2], z],
-            [x, y, z, squares[3]],
-        ]
-    )
-    best = columns[int(np.argmax(squares))]
+    # The products of its components, times four.
+    products = np.zeros((4, 4))
+    products[:3, :3] = rotation + rotation.T
+    products[3, :3] = products[:3, 3] = _axis_of(rotation)
+    a, b, c = rotation.diagonal()
+    squares = [1.0 + a - b - c, 1.0 - a + b - c, 1.0 - a - b + c, 1.0 + a + b + c]
+    np.fill_diagonal(products, squares)
+    best = products[int(np.argmax(squares))]
     quaternion = best / np.linalg.norm(best)
     return np.asarray(quaternion if quaternion[3] >= 0.0 else -quaternion)
 

@@ -116,13 +116,8 @@ def fit_terms(terms: Terms, start: Bodies, *, robust: bool = False) -> Fit:
     columns = np.full(start.free.shape, LEFT_OUT, dtype=np.int64)
     columns[start.free] = np.arange(size := int(start.free.sum()))
 
-    def examined(bodies: Bodies) -> tuple[float, FloatArray, FloatArray]:
-        matrix, vector = np.empty((size, size)), np.empty(size)
-        placed = bodies.positions_m, bodies.rotations, columns
-        return normal_equations(*terms, robust, *placed, matrix, vector), matrix, vector
-
     best, damping = start, FIRST_DAMPING
-    cost, matrix, vector = examined(start)
+    cost, matrix, vector = _equations(terms, start, columns, size, robust)
     for _ in range(MOST_STEPS if size else 0):
         held = best.is_pushed_out(vector)
         # A coordinate without terms gets a diagonal too, and does not move.
@@ -135,7 +130,7 @@ def fit_terms(terms: Terms, start: Bodies, *, robust: bool = False) -> Fit:
         except np.linalg.LinAlgError:
             break
         trial = best.moved(np.asarray(step, dtype=float))
-        trial_cost, *equations = examined(trial)
+        trial_cost, *equations = _equations(terms, trial, columns, size, robust)
         if trial_cost < cost:
             gain, cost, best, (matrix, vector) = cost - trial_cost, trial_cost, trial, equations
             damping = max(0.1 * damping, LEAST_DAMPING)
@@ -158,10 +153,16 @@ def _small_rotations(turns_rad: FloatArray) -> FloatArray:
 
 def equations_at(terms: Terms, fit: Fit, *, robust: bool = False) -> tuple[FloatArray, FloatArray]:
     """Return the normal equations (matrix and vector) of other terms at the result of a fit."""
-    matrix, vector = np.empty_like(fit.matrix), np.empty(len(fit.matrix))
-    placed = fit.bodies.positions_m, fit.bodies.rotations, fit.columns
-    normal_equations(*terms, robust, *placed, matrix, vector)
-    return matrix, vector
+    return _equations(terms, fit.bodies, fit.columns, len(fit.matrix), robust)[1:]
+
+
+def _equations(
+    terms: Terms, bodies: Bodies, columns: IntArray, size: int, robust: bool
+) -> tuple[float, FloatArray, FloatArray]:
+    """Return the cost and the normal equations (matrix and vector) of terms at some poses."""
+    matrix, vector = np.empty((size, size)), np.empty(size)
+    placed = bodies.positions_m, bodies.rotations, columns
+    return normal_equations(*terms, robust, *placed, matrix, vector), matrix, vector
 
 
 def _ends_of(terms: Terms, bodies: Bodies) -> FloatArray:

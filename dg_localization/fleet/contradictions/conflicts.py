@@ -14,7 +14,7 @@ halves (Junker, QuickXplain, 2004).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from itertools import combinations
@@ -226,7 +226,9 @@ class _Search:
         corrections: list[Suspects] = []
         for size in range(max_outliers + 1):
             following: set[Suspects] = set()
-            for dropped in _not_covered(level, corrections):
+            for dropped in level:
+                if any(correction <= dropped for correction in corrections):
+                    continue
                 without = _stand_for(dropped, named)
                 # No larger corrections are wanted, so the conflict need not be minimal.
                 conflict = self._conflict_without(without, minimal=size < max_outliers)
@@ -331,13 +333,6 @@ class _Search:
                 half = len(chunk) // 2
                 pending += [chunk[half:], chunk[:half]]
         return needed
-
-
-def _not_covered(level: list[Suspects], corrections: list[Suspects]) -> Iterator[Suspects]:
-    """Yield the sets that contain no correction known when they are reached."""
-    for dropped in level:
-        if not any(correction <= dropped for correction in corrections):
-            yield dropped
 
 
 def _stand_for(suspects: Suspects, named: Mapping[Suspect, Suspects]) -> Suspects:

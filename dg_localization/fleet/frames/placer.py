@@ -38,7 +38,7 @@ from dg_localization.fleet.frames.registration import Registration
 from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.fleet.vocabulary import LinkKey, RayReading
 from dg_localization.interval.arrays import Interval
-from dg_localization.solver.problem import Chirality, Problem
+from dg_localization.solver.problem import Chirality
 from dg_localization.solver.result import Hypothesis
 
 FloatArray = NDArray[np.float64]
@@ -49,6 +49,15 @@ class Placer:
     Turns the hypotheses of one problem into placements in the fixed frame.
 
     `constraints` are the constraints of all points of the fleet without the `dropped` links.
+
+    Attributes
+    ----------
+    points : tuple of int
+        The points of the problem: the connected points without idle anchors.
+    problem : Problem
+    most_images : int
+        The greatest number of placements of one hypothesis.
+
     """
 
     def __init__(
@@ -78,21 +87,8 @@ class Placer:
         )
         self._encloser = Encloser(self._solved, self._registration)
         self._body_poses = BodyPoses(snapshot, self._solved, plan.held)
-
-    @property
-    def points(self) -> tuple[int, ...]:
-        """The points of the problem: the connected points without idle anchors."""
-        return self._plan.points
-
-    @cached_property
-    def problem(self) -> Problem:
-        """The problem of `points` for the solver."""
-        return self._solved.problem()
-
-    @property
-    def most_images(self) -> int:
-        """The greatest number of placements of one hypothesis."""
-        return self._encloser.most_images
+        self.points, self.problem = plan.points, self._solved.problem()
+        self.most_images = self._encloser.most_images
 
     def placements(
         self, hypothesis: Hypothesis, *, alone: bool, apart: bool = True
