@@ -105,6 +105,7 @@ def test_a_table_tells_what_is_known(tmp_path, dimension, table, turn):
         (3, 'stamp,robot,x,y,z,qx,qy,qz,qw\n1.0,a,2.0,3.0,4.0,0,0,0,inf\n', 'line 2: no position'),
         (3, 'stamp,x,y,z,robot\n1.0,2.0,3.0,4.0,\n', 'line 2: it names no robot'),
         (3, 'stamp,robot,x,y\n1.0,a,2.0,3.0\n', 'has no column z'),
+        (2, 'stamp,lat,lon,z,roll,pitch,yaw,v\n1,2,3,4,5,6,7,8\n', 'has no column x, y'),
         (2, 'stamp,robot,x,y\n1.0,a,2.0,3.0\n'.encode('utf-16'), 'no table in UTF-8'),
         (2, 'stamp,robot,x,y\n1.0,a,' + '9' * 200_000 + ',3.0\n', 'line 2: no position'),
         (2, 'stamp,robot,x,y\n1.0,A,2.0,3.0\n', 'is the truth of A; the robots are a'),

@@ -228,7 +228,7 @@ def read_columns(path: Path) -> tuple[Sequence[str], list[tuple[int, dict[str, s
             is_named = line[0] != '#'
         elif line[0] != '#':
             rows.append((number, cells))
-    if rows and len(rows[0][1]) == len(TUM) and 'x' not in names:
+    if rows and not is_named and len(rows[0][1]) == len(TUM) and 'x' not in names:
         names = [*TUM]
     twice = sorted(name for name in {*COLUMNS, *TUM, 'yaw'} if names.count(name) > 1)
     if twice:
