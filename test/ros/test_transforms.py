@@ -3,6 +3,7 @@
 
 """Transforms: when they are published, between which frames, and their values."""
 
+from dataclasses import replace
 from importlib.util import find_spec
 import math
 import sys
@@ -104,6 +105,8 @@ B = 'b/base_link'
         ({}, at(100.1, 100.2), {}, {B}),
         ({}, at(STAMP_S), {}, {B}),
         ({}, at(99.7, 100.3), {}, {B}),
+        # Nor does odometry from before a restart, whose frame may have another name since.
+        ({}, (*at_rest(), replace(at(100.2)[0], frame='new', restarted_s=100.2)), {}, {B}),
         # Odometry without a frame names the body alone; no frame is placed in itself.
         ({}, at_rest(frame=''), {'body': 'a_body'}, {'a_body', B}),
         ({}, at_rest(frame=''), {'body': ''}, {'a/base_link', B}),

@@ -216,7 +216,7 @@ def _body_at(
         return None
     after = bisect_left(track, stamp_s, 1, len(track) - 1, key=lambda reading: reading.stamp_s)
     a, b = track[after - 1], track[after]
-    if b.stamp_s - a.stamp_s > LONGEST_GAP_S or a.restarted_s != b.restarted_s:
+    if b.stamp_s - a.stamp_s > LONGEST_GAP_S or a.restarted_s != track[-1].restarted_s:
         return None
     fraction = (stamp_s - a.stamp_s) / (b.stamp_s - a.stamp_s)
     start_m, end_m = a.position_in_frame_m, b.position_in_frame_m
