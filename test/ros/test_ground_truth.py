@@ -135,12 +135,11 @@ def test_the_report_says_that_a_table_tells_no_orientation_in_space(
 ROWS = [(START_NS // 10**9 + step / 10, robot) for step in range(21) for robot in 'abc']
 TABLES = {
     'blanks after commas': ('truth.csv', 'stamp, robot, x, y', '{t:.3f}, {r}, {x}, {y}'),
-    'units': ('truth.csv', 'stamp [s],robot,x [m],y [m]', '{t:.3f},{r},{x},{y}'),
+    'units, an index': ('truth.csv', ',stamp [s],robot,x [m],y [m]', '7,{t:.3f},{r},{x},{y}'),
     'semicolons': ('truth.csv', 'stamp;robot;x;y', '{t:.3f};{r};{x};{y}'),
     'capitals': ('TRUTH.CSV', 'Time,Robot,X,Y', '{t:.3f},{r},{x},{y}'),
     'nanoseconds': ('truth.csv', 'timestamp,robot,x,y', '{t:.1f}e9,{r},{x},{y}'),
     'milliseconds': ('truth.csv', 'stamp,robot,x,y', '{t:.1f}e3,{r},{x},{y}'),
-    'an index': ('truth.csv', ',stamp,robot,x,y', '7,{t:.3f},{r},{x},{y}'),
     'blanks': ('truth.txt', '# stamp robot x y', '{t:.3f} {r} {x} {y}'),
 }
 
