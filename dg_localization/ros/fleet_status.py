@@ -121,7 +121,7 @@ class FleetStatusNode(Node):
     def __init__(self, show: Callable[[str], object], **kwargs: Any) -> None:
         super().__init__('fleet_status', **kwargs)
         self._show = show
-        self._localizer = str(self.declare_parameter('localizer', 'localizer').value)
+        self._localizer = str(self.declare_parameter('localizer', 'localizer').value).lstrip('/')
         self._statuses: tuple[Status, ...] = ()
         self._received_s = time.monotonic()
         self.create_subscription(DiagnosticArray, '/diagnostics', self._keep, 10)

@@ -192,7 +192,8 @@ def test_a_silent_or_unknown_localizer_is_named_and_a_plane_has_no_z():
 
 def test_the_node_shows_its_localizer_and_no_other(node):
     shown: list[str] = []
-    status_node = FleetStatusNode(shown.append, context=node.context)
+    named = ['--ros-args', '-p', 'localizer:=/localizer']
+    status_node = FleetStatusNode(shown.append, context=node.context, cli_args=named)
     publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
     other = Status(Level.ERROR, 'other: fleet', 'not mine')
 
