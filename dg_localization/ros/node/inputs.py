@@ -179,7 +179,7 @@ class Inputs:
         self._subscriptions[link] = self._node.create_subscription(
             adapter_for(link.type_name).message_class(),
             link.topic,
-            _never_called,
+            lambda _: None,  # never called: the node polls
             qos,
             callback_group=self._group,
             event_callbacks=NO_EVENTS,
@@ -189,7 +189,3 @@ class Inputs:
 
 def _taken_from(subscription: Subscription) -> tuple[bytes, dict[str, int]] | None:
     return subscription.handle.take_message(subscription.msg_type, subscription.raw)
-
-
-def _never_called(_: bytes) -> None:
-    """Serve as the callback of a polled subscription."""
