@@ -111,8 +111,7 @@ def test_peers_in_one_message_give_the_same_answers_as_a_topic_each(localize, tm
 
 def test_the_outputs_are_those_of_the_node(localize, triangle_bag):
     code, report = localize(triangle_bag)
-    assert code == 0
-    assert counts(localize.output) == {
+    assert code == 0 and counts(localize.output) == {
         '/localizer/feasible_poses': 10,
         '/localizer/markers': 10,
         **{f'/localizer/{robot}/feasible_poses': 10 for robot in 'abc'},
@@ -143,9 +142,9 @@ def test_start_and_duration_choose_the_ticks(localize, triangle_bag):
     _, report = localize(triangle_bag, '--start', '0.5', '--duration', '0.7')
     times_ns, _ = read(localize.output, '/localizer/feasible_poses')
     assert times_ns == [time_ns_of(step) for step in (7, 9, 11)]
-    assert report['start_s'] == 0.5 and report['end_s'] == pytest.approx(1.2)
     # What was measured before the start is not known.
-    assert report['accepted'] == 7 * 3
+    assert report['start_s'] == 0.5 and report['accepted'] == 7 * 3
+    assert report['end_s'] == pytest.approx(1.2)
 
 
 def test_a_contradiction_is_reported_with_its_time(localize, recorder, capsys):
@@ -312,8 +311,8 @@ def test_answers_are_compared_with_a_table_of_the_truth(localize, triangle_bag, 
     (missed,) = truth['missed']
     assert missed['ticks'] == 3 and missed['robots'] == ['c']
     assert (missed['first_s'], missed['last_s']) == pytest.approx((1.0, 1.4))
-    assert truth['errors']['c']['point_m']['percentile_95'] == pytest.approx(0.5, abs=1e-3)
-    assert truth['errors']['c']['point_m']['median'] == pytest.approx(0.0, abs=1e-3)
+    off_m = {'median': pytest.approx(0.0, abs=1e-3), 'percentile_95': pytest.approx(0.5, abs=1e-3)}
+    assert truth['errors']['c']['point_m'] == off_m
     printed = capsys.readouterr().out
     assert 'The truth is inside a hypothesis in 7 of 10 answers.' in printed
     assert '| 1.0 to 1.4 s (3 ticks) | c  |' in printed
@@ -341,8 +340,7 @@ def test_no_answer_is_lost_with_the_terminal(tmp_path, triangle_bag, stdout):
     _, errors = process.communicate(timeout=120)
     assert process.returncode == (0 if stdout == 'pipe' else 1)
     assert ('No space left on device' in errors) == (stdout != 'pipe')
-    assert 'Traceback' not in errors
-    assert counts(output)['/localizer/feasible_poses'] == 10
+    assert 'Traceback' not in errors and counts(output)['/localizer/feasible_poses'] == 10
 
 
 def test_an_error_keeps_the_answers_before_it(localize, triangle_bag, monkeypatch):
@@ -366,8 +364,7 @@ def test_the_report_says_when_the_budget_ended_the_search(localize, recorder, ca
     code, report = localize(recorder.close(), **given)
     assert code == 0 and report['max_boxes'] == 1
     assert report['ticks_by_verdict'] == {'out_of_budget': 5}
-    told = capsys.readouterr().out
-    assert 'The search of 5 ticks ended at solver.max_boxes, 1 boxes' in told
+    assert 'The search of 5 ticks ended at solver.max_boxes, 1 boxes' in capsys.readouterr().out
 
 
 def test_each_bag_is_localized_compared_and_drawn_as_alone(localize, tmp_path):
