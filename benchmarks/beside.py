@@ -11,14 +11,17 @@ of a recording, and is measured on the rest. The extended Kalman filter and the 
 at the true pose; least squares and ours get no start. A method is confidently wrong where the true
 error is beyond three of its stated deviations (by the Mahalanobis distance, 99.73 %). For ours the
 guaranteed enclosure is counted too. Of MRCLAM, each of five robots is a recording of its ranges to
-landmarks, without bearings. The factor graph needs `pip install gtsam` (extra `compare`).
+landmarks and of its bearings, which all methods use. The factor graph needs `pip install gtsam`
+(extra `compare`).
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+import cmath
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 import math
 from pathlib import Path
 import time
@@ -26,6 +29,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import optimize
 
 from benchmarks import robots
 from dg_localization.fleet import (
@@ -50,6 +54,7 @@ SQUARED_3_SIGMA = {2: 11.829, 3: 14.156}
 """Squared Mahalanobis distance that 99.73 % of the errors stay below, by dimension."""
 
 WINDOW_S = 30.0
+MOST_BEARING_RAD = 1.5
 
 RECORDINGS = (
     *('plaza1', 'labyrinth', 'rcv2', 'rcv5', 'rcv6', 'starloc_v2_s5'),
@@ -70,6 +75,7 @@ class Recording:
     truth: FloatArray
     max_speed_m_s: float
     dimension: int
+    bearings: list[tuple[float, str, float]] = field(default_factory=list)
     odometry_error: OdometryErrorModel = OdometryErrorModel(
         translation_per_m=0.05,
         rotation_per_rad=0.05,
@@ -91,13 +97,15 @@ class Recording:
 
 @dataclass(frozen=True)
 class Bounds:
-    """What the first quarter says of range errors: an affine part and bounds of the rest."""
+    """What the first quarter says: the affine part of range errors, and bounds of the rest."""
 
     constant_m: float
     slope: float
     low_m: float
     high_m: float
     deviation_m: float
+    bearing_half_width_rad: float = math.pi
+    bearing_deviation_rad: float = math.pi
 
     def corrected_m(self, range_m: float) -> float:
         """Return a reading without the affine part of its error."""
@@ -155,7 +163,7 @@ def read_tables(folder: Path) -> Recording:
 
 
 def read_mrclam(folder: Path, number: int) -> Recording:
-    """Read what one of five robots measured of the landmarks, without bearings."""
+    """Read what one of five robots measured of the landmarks."""
     robot = robots.Recording.load(folder / robots.EXCERPT, number)
     stamps_s, places_m, yaws_rad = robot.track
     return Recording(
@@ -166,12 +174,13 @@ def read_mrclam(folder: Path, number: int) -> Recording:
         robot.truth,
         robots.SPEED_M_S,
         2,
+        [(row[0], str(int(row[1])), row[3]) for row in robot.sightings],
         robots.odometry_error(0.2),
     )
 
 
 def read_factor_graph(folder: Path, letter: str) -> Recording:
-    """Read what one of five robots measured of the landmarks, without bearings."""
+    """Read what one of five robots measured of the landmarks."""
     path = folder / f'{folder.name}.pyfg'
     rows = [line.split() for line in path.read_text().splitlines()]
     mine = [row for row in rows if len(row) > 2 and row[2].startswith(letter)]
@@ -183,18 +192,20 @@ def read_factor_graph(folder: Path, letter: str) -> Recording:
             c, s = math.cos(pose[2]), math.sin(pose[2])
             pose = pose + [c * dx - s * dy, s * dx + c * dy, turn]
             way.append([float(row[1]), *pose])
+    seen = [
+        (float(row[1]), row[3], complex(float(row[4]), float(row[5])))
+        for row in mine
+        if row[0] == 'EDGE_SE2_XY'
+    ]
     return Recording(
         f'{folder.name}/{letter}',
         {row[1]: np.array(row[2:4], float) for row in rows if row[0] == 'VERTEX_XY'},
-        [
-            (float(row[1]), row[3], math.hypot(float(row[4]), float(row[5])))
-            for row in mine
-            if row[0] == 'EDGE_SE2_XY'
-        ],
+        [(stamp_s, name, abs(way_m)) for stamp_s, name, way_m in seen],
         np.array(way),
         truth,
         robots.SPEED_M_S,
         2,
+        [(stamp_s, name, cmath.phase(way_m)) for stamp_s, name, way_m in seen],
         robots.odometry_error(0.2),
     )
 
@@ -214,13 +225,36 @@ def learn(recording: Recording) -> Bounds:
         kept = np.abs(rest_m) < GROSS * deviation_m
     low_m, high_m = MARGIN * rest_m[kept].min(), MARGIN * rest_m[kept].max()
     spread_m = float(rest_m[kept].std())
-    return Bounds(float(constant_m), float(slope), float(low_m), float(high_m), spread_m)
+    bounds = Bounds(float(constant_m), float(slope), float(low_m), float(high_m), spread_m)
+    if not recording.bearings:
+        return bounds
+    errors_rad = np.array(
+        [
+            _off_rad(recording, recording.place_m(stamp_s), _true_yaw(recording, stamp_s), seen)
+            for stamp_s, *seen in recording.bearings
+            if stamp_s <= recording.learned_until_s
+        ]
+    )
+    kept = np.abs(errors_rad) < GROSS * 1.4826 * np.median(np.abs(errors_rad))
+    return replace(
+        bounds,
+        bearing_half_width_rad=float(MARGIN * np.abs(errors_rad[kept]).max()),
+        bearing_deviation_rad=float(errors_rad[kept].std()),
+    )
+
+
+def _off_rad(recording: Recording, place_m: FloatArray, yaw_rad: float, seen: Sequence) -> float:
+    """Return a bearing minus the one expected at a pose."""
+    name, bearing_rad = seen
+    x, y = recording.anchors[name] - place_m
+    return math.remainder(bearing_rad - (math.atan2(y, x) - yaw_rad), 2.0 * math.pi)
 
 
 def events(recording: Recording) -> list[tuple[float, str, tuple[Any, ...]]]:
-    """Return ranges and odometry in order of time."""
+    """Return ranges, bearings and odometry in order of time."""
     found: list[tuple[float, str, tuple[Any, ...]]] = []
     found += [(stamp_s, 'range', (anchor, r)) for stamp_s, anchor, r in recording.ranges]
+    found += [(stamp_s, 'bearing', tuple(seen)) for stamp_s, *seen in recording.bearings]
     found += [(row[0], 'odometry', tuple(row[1:])) for row in recording.odometry]
     return sorted(found, key=lambda event: (event[0], event[1]))
 
@@ -239,6 +273,7 @@ def ours(recording: Recording, bounds: Bounds, ticks_s: FloatArray) -> Iterator[
         memory_max_seconds=math.inf,
         window_outliers=1,
         max_outliers=1,
+        bearing_half_width_rad=min(bounds.bearing_half_width_rad, MOST_BEARING_RAD),
     )
     localizer, pending = Localizer(config), iter(events(recording))
     event = next(pending, None)
@@ -248,6 +283,9 @@ def ours(recording: Recording, bounds: Bounds, ticks_s: FloatArray) -> Iterator[
             if kind == 'range':
                 corrected_m = bounds.corrected_m(float(values[1]))
                 localizer.add_range('robot', str(values[0]), corrected_m, stamp_s, stamp_s)
+            elif kind == 'bearing':
+                ray = math.cos(values[1]), math.sin(values[1]), 0.0
+                localizer.add_bearing('robot', str(values[0]), ray, stamp_s, stamp_s)
             else:
                 x, y, yaw = (float(value) for value in values)
                 turn = (0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0))
@@ -295,12 +333,17 @@ def kalman(recording: Recording, bounds: Bounds, ticks_s: FloatArray) -> Iterato
                 line = state[:q] - recording.anchors[str(values[0])]
                 away_m = max(float(np.linalg.norm(line)), 1e-6)
                 slope = np.zeros(len(state))
-                slope[:q] = line / away_m
-                off_m = bounds.corrected_m(float(values[1])) - away_m
-                variance = float(slope @ covariance @ slope) + bounds.deviation_m**2
-                if off_m**2 < 9.0 * variance:
+                if kind == 'range':
+                    slope[:q] = line / away_m
+                    off, deviation = bounds.corrected_m(values[1]) - away_m, bounds.deviation_m
+                else:
+                    slope[:3] = [-line[1] / away_m**2, line[0] / away_m**2, -1.0]
+                    off = _off_rad(recording, state[:q], state[2], values)
+                    deviation = bounds.bearing_deviation_rad
+                variance = float(slope @ covariance @ slope) + deviation**2
+                if off**2 < 9.0 * variance:
                     gain = covariance @ slope / variance
-                    state = state + gain * off_m
+                    state = state + gain * off
                     covariance = covariance - np.outer(gain, gain) * variance
             now_s = stamp_s
         yield Answer(state[:q].copy(), covariance[:q, :q].copy(), heading_known=has_odometry)
@@ -358,35 +401,50 @@ def _yaw_of_track(recording: Recording, stamp_s: float) -> float:
 def least_squares(
     recording: Recording, bounds: Bounds, ticks_s: FloatArray
 ) -> Iterator[Answer | None]:
-    """Answer by the best of several starts for the ranges of the last second (Gauss-Newton)."""
+    """Answer by the best of several starts for the readings of the last second (SciPy)."""
     rng, q = np.random.default_rng(0), recording.dimension
-    stamps = np.array([row[0] for row in recording.ranges])
     places = np.array([*recording.anchors.values()])
+    n_unknowns = q + bool(recording.bearings)
     for tick_s in ticks_s:
-        chosen = [
-            recording.ranges[k]
-            for k in range(*np.searchsorted(stamps, [tick_s - 1.0, tick_s]).tolist())
-        ]
-        newest = {row[1]: row for row in chosen}
-        if len(newest) <= q:
+        newest_m = _newest(recording.ranges, tick_s)
+        ranges_m = {name: bounds.corrected_m(range_m) for name, range_m in newest_m.items()}
+        bearings_rad = _newest(recording.bearings, tick_s)
+        if len(ranges_m) + len(bearings_rad) <= n_unknowns:
             yield None
             continue
-        centers = np.array([recording.anchors[name] for name in newest])
-        ranges_m = np.array([bounds.corrected_m(row[2]) for row in newest.values()])
-        best = None
-        for _ in range(10):
-            at = rng.uniform(places.min(axis=0) - 5.0, places.max(axis=0) + 5.0)
-            for _ in range(30):
-                lines = at - centers
-                away = np.maximum(np.linalg.norm(lines, axis=1), 1e-6)
-                slopes = lines / away[:, None]
-                normal = slopes.T @ slopes + 1e-9 * np.eye(q)
-                at = at + np.linalg.solve(normal, slopes.T @ (ranges_m - away))
-            cost = float(((ranges_m - np.linalg.norm(at - centers, axis=1)) ** 2).sum())
-            if best is None or cost < best[0]:
-                best = cost, at, np.linalg.inv(normal) * bounds.deviation_m**2
-        assert best is not None
-        yield Answer(best[1], best[2])
+        off = partial(_normalized, recording, bounds, ranges_m, bearings_rad)
+        low, high = places.min(axis=0) - 5.0, places.max(axis=0) + 5.0
+        turns = np.full(n_unknowns - q, math.pi)
+        low, high = np.append(low, -turns), np.append(high, turns)
+        fits = [optimize.least_squares(off, rng.uniform(low, high)) for _ in range(10)]
+        best = min(fits, key=lambda fit: float(fit.cost))
+        normal = best.jac.T @ best.jac + 1e-9 * np.eye(n_unknowns)
+        yield Answer(best.x[:q], np.linalg.inv(normal)[:q, :q])
+
+
+def _newest(rows: Sequence[tuple[float, str, float]], tick_s: float) -> dict[str, float]:
+    """Return the newest readings of the last second by anchor."""
+    return {name: value for stamp_s, name, value in rows if tick_s - 1.0 <= stamp_s < tick_s}
+
+
+def _normalized(
+    recording: Recording,
+    bounds: Bounds,
+    ranges_m: Mapping[str, float],
+    bearings_rad: Mapping[str, float],
+    at: FloatArray,
+) -> FloatArray:
+    """Return residuals at a place, and a yaw with bearings, over their deviations."""
+    place_m, yaws_rad = at[: recording.dimension], at[recording.dimension :]
+    off = [
+        (range_m - float(np.linalg.norm(place_m - recording.anchors[name]))) / bounds.deviation_m
+        for name, range_m in ranges_m.items()
+    ]
+    off += [
+        _off_rad(recording, place_m, yaws_rad[0], seen) / bounds.bearing_deviation_rad
+        for seen in bearings_rad.items()
+    ]
+    return np.array(off)
 
 
 def smoother(recording: Recording, bounds: Bounds, ticks_s: FloatArray) -> Iterator[Answer | None]:
@@ -402,8 +460,10 @@ def smoother(recording: Recording, bounds: Bounds, ticks_s: FloatArray) -> Itera
     graph.add(gtsam.PriorFactorPose2(0, pose, start))
     values.insert(0, pose)
     cauchy = gtsam.noiseModel.mEstimator.Cauchy.Create(3.0)
-    sigma = gtsam.noiseModel.Isotropic.Sigma(1, bounds.deviation_m)
-    robust = gtsam.noiseModel.Robust.Create(cauchy, sigma)
+    robust, robust_bearing = (
+        gtsam.noiseModel.Robust.Create(cauchy, gtsam.noiseModel.Isotropic.Sigma(1, deviation))
+        for deviation in (bounds.deviation_m, bounds.bearing_deviation_rad)
+    )
     landmarks = {name: gtsam.symbol('l', k) for k, name in enumerate(recording.anchors)}
     for name, key in landmarks.items():
         exact, place = gtsam.noiseModel.Isotropic.Sigma(2, 1e-4), recording.anchors[name]
@@ -411,21 +471,27 @@ def smoother(recording: Recording, bounds: Bounds, ticks_s: FloatArray) -> Itera
         values.insert(key, gtsam.Point2(*place))
     number, before = 0, None
     way: list[tuple[Any, ...]] = []
-    ranges: list[tuple[str, float]] = []
+    seen: list[tuple[str, tuple[Any, ...]]] = []
     pending = [event for event in events(recording) if event[0] >= start_s]
     for tick_s in ticks_s:
         while pending and pending[0][0] <= tick_s:
             _, kind, event = pending.pop(0)
-            if kind == 'range':
-                ranges.append((str(event[0]), bounds.corrected_m(float(event[1]))))
+            if kind != 'odometry':
+                seen.append((kind, event))
                 continue
             way.append(event)
-            if ranges or len(way) >= 5:
+            if seen or len(way) >= 5:
                 step = (number, before, way, pose, recording.odometry_error)
                 number, before, pose = _add_step(gtsam, graph, values, *step)
-                for name, range_m in ranges:
-                    graph.add(gtsam.RangeFactor2D(number, landmarks[name], range_m, robust))
-                way, ranges = [], []
+                for kind, (name, value) in seen:
+                    ends = number, landmarks[name]
+                    if kind == 'range':
+                        range_m = bounds.corrected_m(value)
+                        graph.add(gtsam.RangeFactor2D(*ends, range_m, robust))
+                    else:
+                        turn = gtsam.Rot2(value)
+                        graph.add(gtsam.BearingFactor2D(*ends, turn, robust_bearing))
+                way, seen = [], []
         for _ in range(3):
             solver.update(graph, values)
             graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
