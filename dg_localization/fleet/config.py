@@ -91,7 +91,7 @@ class FleetConfig:
     max_repeats : int
         The number of newest readings of one link that are kept and intersected.
     range_error : RangeErrorModel
-        Error bounds of ranges that come without their own; so it is with the following bounds.
+        Error bounds of ranges that come without bounds of their own, like those below.
     bearing_half_width_rad : float
         Greatest angle between a measured ray and the true direction.
     bearing_expected_error_rad : float

@@ -69,7 +69,7 @@ def estimate_snapshot(
         if contradiction is not None:
             return contradiction, ()
     snapshot, by_memory = recalled.snapshot, recalled.forgotten
-    # Without a measurement of now, odometry of a robot that has a set must tell of the present.
+    # Without a measurement of now, the odometry of a robot that has a set must be young.
     if not snapshot.keys and not any(map(snapshot.odometry_is_young, recalled.carried_robots)):
         return _without_data(snapshot, recalled.forgotten), ()
     in_window = suspects_in_window(snapshot, recalled.pose_sets, recalled.allowance.part(2))

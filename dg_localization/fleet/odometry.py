@@ -93,6 +93,15 @@ class OdometryPath:
         In the plane, the samples at which positions and headings change to another frame, with
         bounds of the motion from the sample before, in m and in rad.
 
+    Attributes
+    ----------
+    stamps_s : numpy.ndarray, shape (n,)
+        The times of the samples.
+    poses : numpy.ndarray, shape (n, 3)
+        x, y and yaw of the samples, continued across restarts.
+    is_known : numpy.ndarray of bool, shape (n - 1,)
+        Whether samples bound the motion of each step, not the limits alone.
+
     """
 
     def __init__(
@@ -105,11 +114,11 @@ class OdometryPath:
         dimension: int = 2,
         restarts: Mapping[int, tuple[float, float]] = MappingProxyType({}),
     ) -> None:
-        self._stamps_s = np.array(stamps_s, dtype=float)
+        self.stamps_s = np.array(stamps_s, dtype=float)
         self._positions_m = np.array(positions_m, dtype=float).reshape(-1, 3)
         self._rotations = np.array(rotations, dtype=float).reshape(-1, 3, 3)
         self._error, self._limits = error, limits or MotionLimits()
-        steps_s = np.diff(self._stamps_s)
+        steps_s = np.diff(self.stamps_s)
         self._level = dimension == 2
         self._yaws_rad = np.arctan2(self._rotations[:, 1, 0], self._rotations[:, 0, 0])
         self._restarts = restarts
@@ -120,6 +129,8 @@ class OdometryPath:
             self._rotations = rotations_about_z(self._yaws_rad)
         # Errors in m and in rad, and whether samples are missing.
         self._steps = self._steps_between(steps_s > error.max_gap_s)
+        self.is_known = self._steps[2] == 0.0
+        self.poses = np.column_stack([self._positions_m[:, :2], self._yaws_rad])
 
     def past_poses(self, times_s: ArrayLike, now_s: float, *, on_track: bool = False) -> PastPoses:
         """
@@ -163,32 +174,29 @@ class OdometryPath:
         yaw = yaw + Interval(-then.offset_rad, then.offset_rad) - yaw_now
         return PastPoses(turned(-yaw_now, position + self._ball(now_m)), yaw)
 
-    @property
-    def stamps_s(self) -> np.ndarray:
-        """The times of the samples, shape (n,)."""
-        return self._stamps_s
-
-    @property
-    def poses(self) -> np.ndarray:
-        """x, y and yaw of the samples, shape (n, 3), continued across restarts."""
-        return np.column_stack([self._positions_m[:, :2], self._yaws_rad])
-
-    @property
-    def is_known(self) -> np.ndarray:
-        """Whether samples bound the motion of each step, shape (n - 1,), not the limits alone."""
-        return np.asarray(self._steps[2] == 0.0)
-
     def sample_s(self, time_s: float) -> float:
         """Return the stamp of the sample nearest to a time."""
-        return float(self._stamps_s[self._index_at(time_s)])
+        return float(self.stamps_s[self._index_at(time_s)])
 
     def track_step(self, first_s: float, last_s: float) -> TrackStep:
         """
         Return the pose of the track at the sample nearest to `last_s`, relative to `first_s`.
 
-        The last time is not earlier than the first.
+        The last time is not earlier than the first. The step is a walk back along the reversed
+        track. Seen from the start, an error of a turn swings the positions after the end of its
+        step: reversed, it belongs to the step before.
         """
-        return self._walk_ahead(self._index_at(first_s), self._index_at(last_s))
+        first, last = self._index_at(first_s), self._index_at(last_s)
+        count, now_rad = last - first, self._yaws_rad[first]
+        positions = np.ascontiguousarray(self._positions_m[first : last + 1][::-1])
+        errors_rad = np.ascontiguousarray(self._steps[1, first:last][::-1])
+        errors = np.zeros(count), np.append(errors_rad[1:], 0.0)[:count]
+        position, turns = self._walked(positions, now_rad, errors, np.zeros(1, np.int64), count)
+        turn_rad = angle_up(up(turns + errors_rad[:1].sum()))
+        yaw = Interval.around(self._yaws_rad[[last]] - now_rad, turn_rad)
+        return TrackStep(
+            PastPoses(position, yaw), float(up(math.fsum(self._steps[0, first:last])))
+        )
 
     def off_track(self, now_s: float) -> TrackStep:
         """Return the pose of the robot relative to the pose of its track now."""
@@ -248,7 +256,7 @@ class OdometryPath:
         step_angles(self._rotations, angles)
         angles = np.where(angles > 0.0, angle_up(angles), 0.0)
         # If samples are missing, the path may be longer.
-        steps_s = elapsed_up(self._stamps_s[:-1], self._stamps_s[1:])
+        steps_s = elapsed_up(self.stamps_s[:-1], self.stamps_s[1:])
         missing_s = np.where(missing, up(steps_s + 2.0 * self._error.latency_s), 0.0)
         lengths = np.maximum(lengths, most_up(self._limits.speed_m_s, missing_s))
         angles = np.maximum(angles, most_up(self._limits.turn_rate_rad_s, missing_s))
@@ -272,7 +280,7 @@ class OdometryPath:
 
     def _indices_at(self, times_s: np.ndarray) -> np.ndarray:
         """Return the samples nearest to some times, the earlier one of two that are as near."""
-        stamps_s = self._stamps_s
+        stamps_s = self.stamps_s
         after = np.minimum(np.searchsorted(stamps_s, times_s), len(stamps_s) - 1)
         before = np.maximum(after - 1, 0)
         is_after = np.abs(stamps_s[after] - times_s) < np.abs(stamps_s[before] - times_s)
@@ -280,7 +288,7 @@ class OdometryPath:
 
     def _nearest(self, times_s: np.ndarray) -> _Nearest:
         """Return the samples nearest to some times."""
-        stamps_s, limits, latency_s = self._stamps_s, self._limits, self._error.latency_s
+        stamps_s, limits, latency_s = self.stamps_s, self._limits, self._error.latency_s
         slack_s = 0.0
         if latency_s > 0.0 or (limits.speed_m_s < math.inf and limits.turn_rate_rad_s < math.inf):
             # Equal numbers need not be equal times (`elapsed_up`).
@@ -325,24 +333,6 @@ class OdometryPath:
         now_rad, errors = self._yaws_rad[last], (self._steps[0], self._steps[1])
         position, turns = self._walked(self._positions_m, now_rad, errors, then, last)
         return position, Interval.around(self._yaws_rad[then] - now_rad, angle_up(turns))
-
-    def _walk_ahead(self, first: int, last: int) -> TrackStep:
-        """
-        Return the pose of sample `last` relative to sample `first`, with the errors of the path.
-
-        It is a walk back along the reversed track. Seen from the start, an error of a turn swings
-        the positions after the end of its step: reversed, it belongs to the step before.
-        """
-        count, now_rad = last - first, self._yaws_rad[first]
-        positions = np.ascontiguousarray(self._positions_m[first : last + 1][::-1])
-        errors_rad = np.ascontiguousarray(self._steps[1, first:last][::-1])
-        errors = np.zeros(count), np.append(errors_rad[1:], 0.0)[:count]
-        position, turns = self._walked(positions, now_rad, errors, np.zeros(1, np.int64), count)
-        turn_rad = angle_up(up(turns + errors_rad[:1].sum()))
-        yaw = Interval.around(self._yaws_rad[[last]] - now_rad, turn_rad)
-        return TrackStep(
-            PastPoses(position, yaw), float(up(math.fsum(self._steps[0, first:last])))
-        )
 
     def _walked(
         self,

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
+from functools import partial
 import math
 from typing import NamedTuple
 
@@ -22,11 +23,10 @@ from dg_localization.fleet.contradictions.suspects import (
     Suspect,
     SuspectKind,
     Suspects,
-    line_up,
 )
 from dg_localization.fleet.frames.plan import Plans, plan_frames
 from dg_localization.fleet.snapshot import Snapshot
-from dg_localization.fleet.vocabulary import Conflict, LinkKind
+from dg_localization.fleet.vocabulary import Conflict, LinkKey, LinkKind
 from dg_localization.fleet.window.memory import Table
 from dg_localization.fleet.window.pose_sets import PoseSets
 from dg_localization.interval.arrays import Interval
@@ -146,34 +146,36 @@ def _among(ends: dict, robots: frozenset[str]) -> Suspects:
 
 
 def observations_of(snapshot: Snapshot) -> Observations:
-    """Return the observations, sensors and robots of a snapshot that can be wrong."""
+    """Return the observations of a snapshot that can be wrong, with their sensors and robots."""
     config = snapshot.config
-    return line_up(snapshot.keys, snapshot.detections, config.sensors, config.anchors)
-
-
-def explain_snapshot(
-    snapshot: Snapshot,
-    observed: Observations,
-    cancel: Cancel | None = None,
-    refuted: Collection[Suspects] = (),
-) -> Explanation:
-    """
-    Explain why the observations of a snapshot contradict each other.
-
-    `refuted` sets are known to be no corrections.
-    """
-    config = snapshot.config
-    kinds = list(SuspectKind)
-    return explain(
-        observed.observations,
-        list(dict.fromkeys(_small_parts(snapshot, observed))),
-        [observed.covered_by(kind) for kind in kinds[kinds.index(config.outlier_unit) :]],
-        ContradictionOracle(snapshot, observed, cancel),
-        Limits(
-            config.max_outliers, config.max_conflict_solves, config.max_conflict_seconds, cancel
-        ),
-        refuted,
-        {one: observed.robots[one] for one in sorted(observed.of_anchors)},
+    parts: dict[tuple[str, ...], list[LinkKey]] = {}
+    for key in sorted(snapshot.keys):
+        part = key.ends if key.ends in snapshot.detections else (*key.ends, key.kind)
+        parts.setdefault(part, []).append(key)
+    links: dict[Suspect, Links] = {}
+    for keys in parts.values():
+        measures = tuple(key.kind for key in keys)
+        links[Suspect(SuspectKind.OBSERVATION, *keys[0].ends, measures)] = frozenset(keys)
+    # All readings of a mounted point belong to one sensor; so do ranges and rays of detections.
+    kinds: dict[str, set[LinkKind]] = {}
+    for observation in links:
+        if len(observation.measures) > 1 or observation.name in config.sensors:
+            kinds.setdefault(observation.name, set()).update(observation.measures)
+    sensors: dict[Suspect, set[Suspect]] = {}
+    robots: dict[Suspect, set[Suspect]] = {}
+    for observation in links:
+        joined = kinds.get(observation.name, set())
+        together = joined if joined & set(observation.measures) else observation.measures
+        sensor = Suspect(SuspectKind.SENSOR, observation.name, measures=tuple(sorted(together)))
+        sensors.setdefault(sensor, set()).add(observation)
+        for point in (observation.name, observation.target):
+            robot = Suspect(SuspectKind.ROBOT, config.robot_of(point))
+            robots.setdefault(robot, set()).add(observation)
+    return Observations(
+        links,
+        {suspect: frozenset(sensors[suspect]) for suspect in sorted(sensors)},
+        {suspect: frozenset(robots[suspect]) for suspect in sorted(robots)},
+        frozenset(suspect for suspect in robots if suspect.name in config.anchors),
     )
 
 
@@ -205,10 +207,22 @@ def corrected(
     a contradiction, the correction is refuted and the search is repeated with larger ones. If the
     answer does not prove that the rest agree, the correction is kept beside larger ones.
     """
+    config, kinds = snapshot.config, list(SuspectKind)
+    search = partial(
+        explain,
+        observed.observations,
+        list(dict.fromkeys(_small_parts(snapshot, observed))),
+        [observed.covered_by(kind) for kind in kinds[kinds.index(config.outlier_unit) :]],
+        ContradictionOracle(snapshot, observed, cancel),
+        Limits(
+            config.max_outliers, config.max_conflict_solves, config.max_conflict_seconds, cancel
+        ),
+        anchors={one: observed.robots[one] for one in sorted(observed.of_anchors)},
+    )
     refuted: frozenset[Suspects] = frozenset()
     unsure: frozenset[Suspects] = frozenset()
-    for _ in range(MOST_SEARCHES + snapshot.config.max_outliers):
-        explanation = explain_snapshot(snapshot, observed, cancel, refuted | unsure)
+    for _ in range(MOST_SEARCHES + config.max_outliers):
+        explanation = search(refuted | unsure)
         every = unsure.union(explanation.corrections)
         ordered = sorted(every, key=lambda dropped: (len(dropped), sorted(dropped)))
         explanation = replace(explanation, corrections=tuple(ordered))

@@ -11,7 +11,7 @@ range and the ray of one detection are one observation: they are wrong together 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TypeAlias
@@ -94,15 +94,15 @@ class Observations:
         The links of each observation.
     sensors, robots : mapping of Suspect to frozenset of Suspect
         The observations of each sensor and of each robot.
-    anchors : frozenset of str
-        The names of robots that are anchors.
+    of_anchors : frozenset of Suspect
+        The robots and landmarks that are anchors.
 
     """
 
     links: Mapping[Suspect, Links]
     sensors: Mapping[Suspect, Suspects]
     robots: Mapping[Suspect, Suspects]
-    anchors: frozenset[str] = frozenset()
+    of_anchors: Suspects
 
     @property
     def observations(self) -> Suspects:
@@ -130,11 +130,6 @@ class Observations:
         accused = [suspect for suspect, covered in self.sensors.items() if covered & named]
         return whole.union(accused, (one for one in self.of_anchors if self.robots[one] & named))
 
-    @property
-    def of_anchors(self) -> Suspects:
-        """The anchors as suspects."""
-        return frozenset(one for one in self.robots if one.name in self.anchors)
-
     def in_short(self, observations: Suspects) -> Suspects:
         """Return the only sensor or robot that covers all observations, else the observations."""
         if len(observations) > 1:
@@ -143,54 +138,6 @@ class Observations:
                 if len(one) == 1:
                     return frozenset(one)
         return observations
-
-
-def line_up(
-    keys: Collection[LinkKey],
-    detections: Collection[tuple[str, str]],
-    mounted: Collection[str],
-    anchors: Collection[str] = (),
-) -> Observations:
-    """
-    Return the observations, sensors and robots behind the ranges and bearings in use.
-
-    `detections` are observers and targets whose range and bearing come from one detection. All
-    readings of a `mounted` point belong to one sensor.
-    """
-    links = _observations(keys, detections)
-    kinds: dict[str, set[LinkKind]] = {}
-    for observation in links:
-        if len(observation.measures) > 1 or observation.name in mounted:
-            kinds.setdefault(observation.name, set()).update(observation.measures)
-    sensors: dict[Suspect, set[Suspect]] = {}
-    robots: dict[Suspect, set[Suspect]] = {}
-    for observation in links:
-        joined = kinds.get(observation.name, set())
-        measures = joined if joined & set(observation.measures) else observation.measures
-        sensor = Suspect(SuspectKind.SENSOR, observation.name, measures=tuple(sorted(measures)))
-        sensors.setdefault(sensor, set()).add(observation)
-        for point in (observation.name, observation.target):
-            name = point.rpartition('/')[0] if point in mounted else point
-            robots.setdefault(Suspect(SuspectKind.ROBOT, name), set()).add(observation)
-    by_sensor = {suspect: frozenset(sensors[suspect]) for suspect in sorted(sensors)}
-    by_robot = {suspect: frozenset(robots[suspect]) for suspect in sorted(robots)}
-    return Observations(links, by_sensor, by_robot, frozenset(anchors))
-
-
-def _observations(
-    keys: Collection[LinkKey], detections: Collection[tuple[str, str]]
-) -> dict[Suspect, Links]:
-    """Return the observations with their links; a detection has two."""
-    parts: dict[tuple[str, ...], list[LinkKey]] = {}
-    for key in sorted(keys):
-        part = key.ends if key.ends in detections else (*key.ends, key.kind)
-        parts.setdefault(part, []).append(key)
-    return {
-        Suspect(
-            SuspectKind.OBSERVATION, *found[0].ends, tuple(key.kind for key in found)
-        ): frozenset(found)
-        for found in parts.values()
-    }
 
 
 RECORD_S = 60.0
