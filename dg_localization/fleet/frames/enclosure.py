@@ -59,7 +59,15 @@ Placed = tuple[MirrorImage | None, Interval]
 
 
 class Encloser:
-    """Encloses the solved points in the fixed frame."""
+    """
+    Encloses the solved points in the fixed frame.
+
+    Attributes
+    ----------
+    most_images : int
+        The greatest number of mirror images of a hypothesis.
+
+    """
 
     def __init__(self, solved: Constraints, registration: Registration) -> None:
         self._solved = solved
@@ -68,12 +76,8 @@ class Encloser:
         self._poses = registration.poses()
         self._core = registration.cores[0]
         self._rigid = _rigid_with(self._core, solved)
-
-    @property
-    def most_images(self) -> int:
-        """The greatest number of mirror images of a hypothesis."""
-        short = len(self._core) < self._solved.dimension
-        return 1 if self._solved.chiralities or short or not self._rigid else 2
+        short = len(self._core) < solved.dimension
+        self.most_images = 1 if solved.chiralities or short or not self._rigid else 2
 
     def enclose(self, hypothesis: Hypothesis) -> list[Placed]:
         """Return the mirror images of a hypothesis that differ, with their coordinates."""

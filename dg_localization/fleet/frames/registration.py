@@ -72,9 +72,10 @@ class Registration:
     anchors: Mapping[int, Interval]
 
     @property
-    def _rays(self) -> tuple[RayReading, ...]:
-        """The rays of the robot at the origin: only a heading needs them."""
-        return self.solved.rays.get(self.solved.points[self.cores[0][0]], ())
+    def _rays(self) -> dict[int, RayReading]:
+        """The rays of the robot at the origin by row of their target: a heading needs them."""
+        rays = self.solved.rays.get(self.solved.points[self.cores[0][0]], ())
+        return {self.solved.rows[ray.key.target]: ray for ray in rays}
 
     def poses(self) -> dict[tuple[int, ...], CorePose]:
         """Return the bounds of the pose of each core."""
@@ -87,8 +88,7 @@ class Registration:
             return CorePose(_axes_along([place - origin for place in others]), origin)
         if self.kind == FrameKind.ROBOTS:
             return CorePose()
-        rays = {self.solved.rows[ray.key.target]: ray for ray in self._rays}
-        chosen = [rays[point] for point in core[1:]]
+        chosen = [self._rays[point] for point in core[1:]]
         if self.solved.dimension == 2:
             x, y = chosen[0].direction[:2]
             return CorePose(rotation_2d(math.atan2(y, x), chosen[0].half_width_rad))
@@ -98,29 +98,19 @@ class Registration:
     def moved(self, positions: FloatArray) -> FloatArray:
         """Return positions of the solved points in the fixed frame, by the best fit."""
         if self.kind == FrameKind.ANCHORS:
-            return self._moved_to_anchors(positions)
-        core = self.cores[0]
-        local = positions - positions[core[0]]
-        if self.kind == FrameKind.HEADING:
-            rotation = self._rotation_to_rays(local)
-        else:
-            rotation = _rotation_to_axes(local[list(core[1:])])
-        return local @ rotation.T
-
-    def _moved_to_anchors(self, positions: FloatArray) -> FloatArray:
-        """Return positions moved by the translation and rotation that fit the anchors best."""
-        points = list(self.anchors)
-        targets = np.array([(box.lower + box.upper) / 2.0 for box in self.anchors.values()])
-        center = positions[points].mean(axis=0)
-        rotation = best_rotation(positions[points] - center, targets - targets.mean(axis=0))
-        return (positions - center) @ rotation.T + targets.mean(axis=0)
-
-    def _rotation_to_rays(self, local: FloatArray) -> FloatArray:
-        """Return the rotation that fits the rays of the reference robot best."""
-        directions = unit_vectors(local[[self.solved.rows[ray.key.target] for ray in self._rays]])
-        weights = [1.0 / (ray.half_width_rad + 1e-6) for ray in self._rays]
-        seen = np.array([ray.direction[: self.solved.dimension] for ray in self._rays])
-        return best_rotation(directions, seen, np.array(weights))
+            points = list(self.anchors)
+            targets = np.array([(box.lower + box.upper) / 2.0 for box in self.anchors.values()])
+            center = positions[points].mean(axis=0)
+            rotation = best_rotation(positions[points] - center, targets - targets.mean(axis=0))
+            return (positions - center) @ rotation.T + targets.mean(axis=0)
+        origin, *others = self.cores[0]
+        local = positions - positions[origin]
+        if self.kind != FrameKind.HEADING:
+            return local @ _rotation_to_axes(local[others]).T
+        rays = self._rays.values()
+        weights = np.array([1.0 / (ray.half_width_rad + 1e-6) for ray in rays])
+        seen = np.array([ray.direction[: self.solved.dimension] for ray in rays])
+        return local @ best_rotation(unit_vectors(local[[*self._rays]]), seen, weights).T
 
 
 def _axes_along(edges: list[Interval]) -> Interval:
