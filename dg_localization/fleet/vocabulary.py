@@ -62,10 +62,9 @@ class LinkKey(NamedTuple):
         return self.observer, self.target
 
     def __str__(self) -> str:
-        arrow = f'{self.observer}->{self.target}' if self.target else self.observer
-        return (
-            f'{self.kind} {arrow}-{self.reference}' if self.reference else f'{self.kind} {arrow}'
-        )
+        target = f'->{self.target}' if self.target else ''
+        reference = f'-{self.reference}' if self.reference else ''
+        return f'{self.kind} {self.observer}{target}{reference}'
 
 
 Conflict: TypeAlias = tuple[LinkKey, ...]
@@ -295,7 +294,6 @@ class LinkState:
     contradicts: bool = False
 
     def __str__(self) -> str:
-        bounds = (
-            f' ({self.lower_m:.2f} to {self.upper_m:.2f} m)' if self.upper_m < math.inf else ''
-        )
-        return f'{self.key}{bounds}'
+        if self.upper_m == math.inf:
+            return str(self.key)
+        return f'{self.key} ({self.lower_m:.2f} to {self.upper_m:.2f} m)'

@@ -134,21 +134,17 @@ def _plans_from_reference(
 ) -> tuple[list[FramePlan], str]:
     """Return plans in the frame of the reference robot, or of the next one that is connected."""
     reference = config.robots.index(config.reference_robot)
+    name = f'reference robot {config.reference_robot}'
     for robot in (*range(reference, len(config.robots)), *range(reference)):
         if any(_joins_others(config, other.component_of(robot)) for other in alternatives):
-            break
-    else:
-        return [], (
-            f'reference robot {config.reference_robot} is not connected to any other by a usable '
-            'range, nor is another robot: nothing fixes the frame'
-        )
-    reason = ''
-    if robot != reference:
-        reason = (
-            f'reference robot {config.reference_robot} is not connected: the frame is that of '
-            f'{config.robots[robot]}'
-        )
-    return _plans_from_robot(config, robot, constraints, alternatives), reason
+            plans = _plans_from_robot(config, robot, constraints, alternatives)
+            if robot == reference:
+                return plans, ''
+            return plans, f'{name} is not connected: the frame is that of {config.robots[robot]}'
+    return [], (
+        f'{name} is not connected to any other by a usable range, nor is another robot: nothing '
+        'fixes the frame'
+    )
 
 
 def _joins_others(config: FleetConfig, component: tuple[int, ...]) -> bool:
