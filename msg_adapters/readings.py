@@ -114,10 +114,7 @@ class BearingReading:
 
 def bearing_from_message(message: Any) -> BearingReading:
     """Read a `geometry_msgs/Vector3Stamped`; the ray is unchanged, even if it is zero."""
-    return BearingReading(
-        **header_of(message),
-        ray_xyz=xyz_from_message(message.vector),
-    )
+    return BearingReading(**header_of(message), ray_xyz=xyz_from_message(message.vector))
 
 
 def bearing_to_cdr(reading: BearingReading) -> bytes:
@@ -191,10 +188,7 @@ class ElevationReading:
 
 def elevation_from_message(message: Any) -> ElevationReading:
     """Read the z of a `geometry_msgs/PointStamped`."""
-    return ElevationReading(
-        **header_of(message),
-        elevation_m=float(message.point.z),
-    )
+    return ElevationReading(**header_of(message), elevation_m=float(message.point.z))
 
 
 def elevation_to_cdr(reading: ElevationReading) -> bytes:

@@ -78,8 +78,7 @@ class TrueTrack:
     @property
     def span_s(self) -> tuple[float, ...]:
         """The first and the last stamp; empty for an anchor."""
-        ends_s = self._stamps_s[[0, -1]].tolist()
-        return () if self._is_at_rest else tuple(ends_s)
+        return () if self._is_at_rest else tuple(self._stamps_s[[0, -1]].tolist())
 
     def carrying(self, arm_m: ArrayLike) -> 'TrueTrack':
         """

@@ -223,8 +223,7 @@ def _known_group(
 
     def learn(part: Errors, is_half: bool = False) -> SensorBounds:
         if kind is LinkKind.BEARING:
-            half_width_rad = fit_half_width_rad(part.errors, choice)
-            return SensorBounds(bearing_half_width_rad=half_width_rad)
+            return SensorBounds(bearing_half_width_rad=fit_half_width_rad(part.errors, choice))
         own = shape_of(part.values, part.errors, choice) if is_half else shape
         return SensorBounds(fit_range(part.values, part.errors, choice, own))
 

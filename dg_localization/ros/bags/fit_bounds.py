@@ -88,8 +88,7 @@ def main(args: Sequence[str]) -> int:
     with open_bag(options.bag) as bag:
         recording = Recording(options, task.settings, bag)
         gatherer, links = collect(task, recording), [*recording.links.values()]
-        choice = Choice(options.keep, options.margin)
-        learned = fit(gatherer, recording, options.per, choice)
+        learned = fit(gatherer, recording, options.per, Choice(options.keep, options.margin))
         text = bounds_as_yaml(learned, links, options.bag.resolve().name, task.settings.fleet)
     # The parameters have to pass the checks of the node before they are printed.
     with tempfile.TemporaryDirectory() as folder:

@@ -78,8 +78,7 @@ class Gatherer(Localizer):
         self.stated[key].add(bounds)
         if key.kind is LinkKind.BEARING:
             in_body = in_body_frame(self._config.sensors.get(key.observer), value)
-            ray = interpret_ray(in_body, self._config.dimension)
-            self.readings[key].append((stamp_s, ray))
+            self.readings[key].append((stamp_s, interpret_ray(in_body, self._config.dimension)))
         # Infinity is accepted if it proves that the target is far; it has no error.
         elif math.isfinite(value.range_m):
             self.readings[key].append((stamp_s, value.range_m))

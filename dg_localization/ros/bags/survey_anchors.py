@@ -145,8 +145,7 @@ def main(args: Sequence[str]) -> int:
         anchors = {name: Anchor(tuple(map(float, at))) for name, *at in options.anchor}
     except ValueError as error:
         raise UsageError(f'--anchor: {error}') from error
-    readings = read_ranges(options.ranges)
-    estimate = survey(readings, anchors, options)
+    estimate = survey(read_ranges(options.ranges), anchors, options)
     wanting = list(missing(estimate))
     for text in wanting:
         print_line(text)

@@ -252,9 +252,8 @@ def _column(cell: str) -> str:
 
 def _pose_of(row: dict[str, str], dimension: int) -> tuple[float, Any, Any]:
     """Return stamp, position and quaternion of one row; raise ValueError if one is wrong."""
-    flat = '0' if dimension == 2 else ''
     stamp, x, y = (float(row[name]) for name in ('stamp', 'x', 'y'))
-    z = float(row.get('z') or flat)
+    z = float(row.get('z') or ('0' if dimension == 2 else ''))
     yaw_rad, *turn = (float(row.get(name) or math.nan) for name in ('yaw', *QUATERNION))
     if row.get('robot') == '':
         raise ValueError('it names no robot')

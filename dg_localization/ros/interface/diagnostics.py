@@ -276,8 +276,7 @@ def _robot_values(placements: Sequence[Placement], row: int) -> dict[str, str]:
     for placement in placements[:LISTED]:
         position = ' '.join(f'{x:.3f}' for x in placement.positions_m[row])
         width = ' '.join(f'{x:.3f}' for x in np.ptp(placement.enclosure_m[row], axis=0))
-        text = f'at {position} m, enclosure {width} m wide'
-        values[f'hypothesis_{placement.number}'] = text
+        values[f'hypothesis_{placement.number}'] = f'at {position} m, enclosure {width} m wide'
     return values
 
 

@@ -105,8 +105,7 @@ class Template:
                 )
                 if key.observer == key.target:
                     return None
-                type_name = KINDS[self.kind].template_type
-                return Link(topic, type_name, key, overrides=self.overrides)
+                return Link(topic, KINDS[self.kind].template_type, key, overrides=self.overrides)
         return None
 
 

@@ -135,5 +135,4 @@ class Cameras:
     def states(self, now_s: float) -> Iterator[InputState]:
         """Yield the states of the camera topics; a matrix does not age."""
         for key, (count, stamp_s) in self._arrivals.items():
-            age_s = max(0.0, now_s - stamp_s)
-            yield InputState(key, count, {}, '', age_s, in_use=True)
+            yield InputState(key, count, {}, '', max(0.0, now_s - stamp_s), in_use=True)

@@ -205,8 +205,7 @@ class Intake:
                 readings.append((name, range_m))
             if has_ray:
                 readings.append((name, ray_xyz))
-        rejections = localizer.add_peers(observer, readings, *when, bounds)
-        return next(iter(rejections), None)
+        return next(iter(localizer.add_peers(observer, readings, *when, bounds)), None)
 
     def _targets(
         self, link: Link, reading: PeersReading | IdentifiedReading

@@ -202,8 +202,7 @@ class LocalizerNode(ManagedNode):
         rejection = self._intake.take(link, data, now_s, arrived_s)
         self._intake_s += time.monotonic() - began_s
         if rejection is not None:
-            text = shortened(f'{link.topic}: {rejection}')
-            self.get_logger().warning(text, **at_most_every())
+            self.get_logger().warning(shortened(f'{link.topic}: {rejection}'), **at_most_every())
         if self._worker.busy_s > self._longest_estimate_s:
             # Where more messages arrive than can be taken, the estimate still gets the interpreter
             # for as long as each message took, or as one may wait.
@@ -366,8 +365,7 @@ class LocalizerNode(ManagedNode):
         self._rate.clear()
         self._intake.forget()
         self._failure = ''
-        text = f'{reason}: all measurements are forgotten'
-        self.get_logger().info(text, **at_most_every(1.0))
+        self.get_logger().info(f'{reason}: all measurements are forgotten', **at_most_every(1.0))
         self._publish(self._no_estimate(reason))
 
     def _no_estimate(self, reason: str) -> TimedEstimate:

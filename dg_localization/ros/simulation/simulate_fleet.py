@@ -167,12 +167,10 @@ class FleetSimulator(Node):
         outputs = [Output(topic, type(one), qos_profile_sensor_data) for topic, one in messages]
         self._outputs = Publishers(self, [*outputs, Output(TRUTH, PoseArray, LATCHED)])
         # Timers of the system clock are silent after it is set back.
-        is_simulated = self.get_parameter('use_sim_time').value
-        clock = None if is_simulated else STEADY
+        clock = None if self.get_parameter('use_sim_time').value else STEADY
         self.create_timer(1.0 / values['rate'], self.publish_measurements, clock=clock)
         if values['odometry']:
-            period_s = 1.0 / values['odometry_rate']
-            self.create_timer(period_s, self.publish_odometry, clock=clock)
+            self.create_timer(1.0 / values['odometry_rate'], self.publish_odometry, clock=clock)
         self.get_logger().info(f'{len(outputs)} measurement topics at {values["rate"]:g} Hz')
 
     def _now_s(self) -> float:
