@@ -233,8 +233,7 @@ def test_a_link_without_truth_keeps_all_of_the_bounds_that_it_states(
 def test_nothing_is_learned_of_what_the_localizer_rejects(
     tmp_path, learn, observer, target, late_s, reason
 ):
-    link = f'/{observer}/range/{target} sensor_msgs/msg/Range {observer} {target}'
-    state(learn, links=[link])
+    state(learn, links=['/r1/range/r2 sensor_msgs/msg/Range r1 r2'])
     recorder, rng = Recorder(), np.random.default_rng(0)
     for stamp_s in START_S + np.arange(0.0, 10.0, 0.1):
         recorder.add_range('r1', 'r2', 4.0 + rng.uniform(-0.02, 0.02), stamp_s, stamp_s)

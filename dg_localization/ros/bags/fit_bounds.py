@@ -132,7 +132,8 @@ def _link_text(fit: LearnedBounds, link: Link, fleet: FleetConfig) -> str:
         bounds |= _learned(fit, kind, link, fleet)
     if link.key in fit.offsets_s:
         bounds[STAMP_OFFSET] = round(link.stamp_offset_s + fit.offsets_s[link.key], 4)
-    if bounds == link.overrides and not link.explicit:
+    is_known = {*link.key.ends} <= {*fleet.points, ''}
+    if not link.explicit and (bounds == link.overrides or not is_known):
         return ''
     words = [link.topic, link.type_name, link.key.observer, link.key.target]
     words += [
