@@ -58,7 +58,7 @@ def survey(
     """Place nodes at rest by all their ranges; nodes with known coordinates are anchors."""
     low_m, high_m = options.error
     names = {name: None for observer, target, _ in readings for name in (observer, target)}
-    for name in names:
+    for name in (*names, *anchors):
         if not re.fullmatch(ANY_NAME, name):
             raise UsageError(
                 f"'{name}' cannot be the name of an anchor: it must begin with a letter and go on "
