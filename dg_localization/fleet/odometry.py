@@ -16,7 +16,6 @@ exact: with r_i the steps and E_i the error of the turn from step i to now,
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 import math
 from types import MappingProxyType
 from typing import NamedTuple
@@ -37,8 +36,7 @@ ROUNDED = 16
 """Floating-point operations that move a sample to the end of the track before a restart."""
 
 
-@dataclass(frozen=True)
-class MotionLimits:
+class MotionLimits(NamedTuple):
     """Greatest speed and turn rate of a robot: they bound its motion between and after samples."""
 
     speed_m_s: float = math.inf
@@ -57,11 +55,10 @@ class TrackStep(NamedTuple):
     ball_m: float
 
 
-@dataclass(frozen=True)
-class _Nearest:
+class _Nearest(NamedTuple):
     """The samples nearest to some times, and bounds of the distance of the robot from them."""
 
-    index: np.ndarray
+    samples: np.ndarray
     offset_m: np.ndarray
     offset_rad: np.ndarray
     rotation_rad: np.ndarray
@@ -162,8 +159,8 @@ class OdometryPath:
         if np.any(times > now_s):
             raise ValueError(f'{times.max()} s lies after now, {now_s} s')
         then, now = self._nearest(times), self._nearest(np.array([now_s]))
-        last = int(now.index[0])
-        position, yaw = self._walk_back(np.minimum(then.index, last), last)
+        last = int(now.samples[0])
+        position, yaw = self._walk_back(np.minimum(then.samples, last), last)
         then_m, then_rad = self._off_track(then)
         position = position + self._ball(then_m)
         if on_track:
@@ -359,10 +356,10 @@ class OdometryPath:
         Their shapes are (m, 3, 3) and (m,); errors are angles of at most a half turn.
         """
         near = self._nearest(np.asarray(times_s, dtype=float))
-        yaws = self._yaws_rad[near.index]
+        yaws = self._yaws_rad[near.samples]
         moved_rad = up(near.steepness * near.rotation_rad)
         errors_rad = angle_up(up(moved_rad + self._tilt_rad))
-        return rotations_about_z(-yaws) @ self._rotations[near.index], np.minimum(
+        return rotations_about_z(-yaws) @ self._rotations[near.samples], np.minimum(
             errors_rad, math.pi
         )
 

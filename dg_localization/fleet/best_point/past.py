@@ -80,13 +80,13 @@ class _Readings(NamedTuple):
         return _Readings(seen.some(index), bodies[index], arms_m[index], places_m[index])
 
 
-class _End(NamedTuple):
-    """The bodies of the observers, or of the targets, of readings, and poses in their frames."""
+class _Ends(NamedTuple):
+    """The bodies of the observers and the targets of readings, and poses in their frames."""
 
-    bodies: IntArray  # (m,)
-    poses: FloatArray  # (v, m, 3): x, y and yaw, as stated and for each error of odometry
-    unknown: FloatArray  # (m, 2): uncertainty of these from silent odometry, in m and rad
-    moves: NDArray[np.bool_]  # (m,): whether the body is a moving robot, not a fixed point
+    bodies: IntArray  # (m, 2)
+    poses: FloatArray  # (v, m, 2, 3): x, y and yaw, as stated and for each error of odometry
+    unknown: FloatArray  # (m, 2, 2): uncertainty of these from silent odometry, in m and rad
+    moves: NDArray[np.bool_]  # (m, 2): whether the body is a moving robot, not a fixed point
 
 
 class Misfit(NamedTuple):
@@ -255,16 +255,16 @@ def past_of(
     count = max(1, min(math.ceil(span_s / SPACING_S), 2 * MOST_BODIES // len(known)))
     for number, way in enumerate(known):
         way.place_bodies(len(solved.points) + count * number, count)
-    ends_of_all, steps = _ends(readings, known), [way.steps() for way in known]
+    ends, steps = _ends(readings, known), [way.steps() for way in known]
     observed = np.unique(readings.seen.ends, axis=0)
     return Past(
-        Terms.joined([*_packed(readings, ends_of_all), *steps]).variant(0),
+        Terms.joined([*_packed(readings, ends), *steps]).variant(0),
         np.repeat([way.row for way in known], count),
         np.concatenate([way.poses_now(way.times_s[1:]) for way in known]),
         start,
         frozenset((config.points[o], config.points[t]) for o, t in observed.tolist()),
         tuple(
-            Terms.joined([*_packed(*_by_errors(way, readings, ends_of_all)), own_steps])
+            Terms.joined([*_packed(*_by_errors(way, readings, ends)), own_steps])
             for way, own_steps in zip(known, steps, strict=True)
         ),
         tuple(way.constants() for way in known),
@@ -297,43 +297,32 @@ def _readings(
     return _Readings(seen, bodies, arms_m, start.positions_m[references, :2])
 
 
-def _by_errors(
-    way: StatedWay, readings: _Readings, ends: Sequence[_End]
-) -> tuple[_Readings, list[_End]]:
+def _by_errors(way: StatedWay, readings: _Readings, ends: _Ends) -> tuple[_Readings, _Ends]:
     """Return the readings of a robot, and their ends with errors of its own odometry only."""
-    own = readings.bodies.T == way.row
-    mine = own.any(axis=0)
-    erring = [
-        _End(
-            end.bodies[mine],
-            np.where(on_way[mine, None], end.poses[:, mine], end.poses[0, mine]),
-            end.unknown[mine],
-            end.moves[mine],
-        )
-        for end, on_way in zip(ends, own, strict=True)
-    ]
-    return readings.where(mine), erring
+    on_way = readings.bodies == way.row
+    mine = on_way.any(axis=1)
+    bodies, poses, unknown, moves = ends
+    erring = np.where(on_way[mine, :, None], poses[:, mine], poses[0, mine])
+    return readings.where(mine), _Ends(bodies[mine], erring, unknown[mine], moves[mine])
 
 
-def _packed(readings: _Readings, ends: Sequence[_End]) -> list[Terms]:
+def _packed(readings: _Readings, ends: _Ends) -> list[Terms]:
     """Return terms for readings."""
-    (first, second), seen = ends, readings.seen
+    bodies, seen = ends.bodies, readings.seen
     distances_m, half_widths_m = seen.likeliest_m, 0.5 * (seen.upper_m - seen.lower_m)
     bearings_rad = np.arctan2(seen.rays[:, 1], seen.rays[:, 0]) - seen.expected_errors_rad
-    unknown_m = first.unknown[:, 0] + second.unknown[:, 0]
+    unknown_m = ends.unknown[:, :, 0].sum(axis=1)
     apart_m = np.where(np.isfinite(distances_m), distances_m, np.inf)
-    unknown_rad = first.unknown[:, 1] + unknown_m / np.maximum(apart_m, NEAREST_M)
-    bodies = np.stack([first.bodies, second.bodies], axis=-1)
+    unknown_rad = ends.unknown[:, 0, 1] + unknown_m / np.maximum(apart_m, NEAREST_M)
     arms_m = np.zeros((VARIANTS, len(bodies), 2, 3))
-    for number, end in enumerate(ends):
-        arms_m[:, :, number, :2] = _points_on(end.poses, readings.arms_m[:, number])
+    arms_m[..., :2] = _points_on(ends.poses, readings.arms_m)
     values = np.zeros((VARIANTS, len(bodies), 3))
     values[..., 0] = distances_m
-    rays = directions(first.poses[..., 2] + bearings_rad)
+    rays = directions(ends.poses[:, :, 0, 2] + bearings_rad)
     ranged = np.isfinite(distances_m) & np.isfinite(half_widths_m)
     # A ray with an error of a half turn or more measures nothing, nor does one of a fixed point,
     # whose orientation is unknown.
-    sighted = (seen.errors_rad < math.pi) & first.moves
+    sighted = (seen.errors_rad < math.pi) & ends.moves[:, 0]
     heard = np.isfinite(seen.most_m)
     least_m, most_m = np.where(heard, [seen.least_m, seen.most_m], 0.0)
     differences = np.zeros_like(values)
@@ -348,30 +337,28 @@ def _packed(readings: _Readings, ends: Sequence[_End]) -> list[Terms]:
     ]
 
 
-def _ends(readings: _Readings, ways: Iterable[StatedWay]) -> list[_End]:
+def _ends(readings: _Readings, ways: Iterable[StatedWay]) -> _Ends:
     """
-    Return the ends of the observers and of the targets of readings.
+    Return the ends of readings.
 
     A fixed point is the same body at all times.
     """
-    found = []
-    stamps_s = readings.seen.stamps_s
-    for rows in readings.bodies.T:
-        count = len(rows)
-        poses, unknown = np.zeros((VARIANTS, count, 3)), np.zeros((count, 2))
-        end = _End(rows.copy(), poses, unknown, np.zeros(count, bool))
-        for way in ways:
-            if (own := rows == way.row).any():
-                end.bodies[own], end.poses[:, own], end.unknown[own] = way.ends(stamps_s[own])
-                end.moves[own] = True
-        found.append(end)
-    return found
+    bodies, shape = readings.bodies.copy(), readings.bodies.shape
+    poses, unknown = np.zeros((VARIANTS, *shape, 3)), np.zeros((*shape, 2))
+    moves = np.zeros(shape, bool)
+    for way in ways:
+        own = readings.bodies == way.row
+        if own.any():
+            stamps_s = readings.seen.stamps_s[np.nonzero(own)[0]]
+            bodies[own], poses[:, own], unknown[own] = way.ends(stamps_s)
+            moves |= own
+    return _Ends(bodies, poses, unknown, moves)
 
 
 def _points_on(poses: FloatArray, arms_m: FloatArray) -> FloatArray:
-    """Return the places of points on bodies with poses (x, y, yaw), shape (..., m, 2)."""
+    """Return the places of points on bodies with poses (x, y, yaw), shape (..., 2)."""
     c, s = np.cos(poses[..., 2]), np.sin(poses[..., 2])
-    x, y = arms_m.T
+    x, y = np.moveaxis(arms_m, -1, 0)
     return poses[..., :2] + np.stack([c * x - s * y, s * x + c * y], axis=-1)
 
 

@@ -13,8 +13,8 @@ outward: the true placement cannot get lost.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cache, reduce
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,8 +45,7 @@ tests of anchors in line and of ceilings hold with either.
 """
 
 
-@dataclass(frozen=True)
-class MirrorImage:
+class MirrorImage(NamedTuple):
     """One of two mirror images: the sign of the last coordinate of an apex in a core's frame."""
 
     core: Core

@@ -15,9 +15,9 @@ point.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import product
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,8 +47,7 @@ class NoHeadingError(ValueError):
     """The rays of a robot contradict each other for all positions of targets in the enclosures."""
 
 
-@dataclass(frozen=True)
-class Heading:
+class Heading(NamedTuple):
     """
     The orientation of a robot in the fixed frame.
 
@@ -69,8 +68,7 @@ NO_TURN = Heading(np.array([0.0, 0.0, 0.0, 1.0]), 0.0)
 """The heading of a robot whose body frame is the fixed frame."""
 
 
-@dataclass(frozen=True)
-class _Sights:
+class _Sights(NamedTuple):
     """
     The rays of a robot and the directions of their targets.
 
