@@ -6,11 +6,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor
 from functools import cache
 import math
 import time
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,7 +26,6 @@ from dg_localization.solver.problem import (
 from dg_localization.solver.result import Result, Statistics
 
 FloatArray = NDArray[np.float64]
-T = TypeVar('T')
 
 
 @default_environment()
@@ -90,24 +89,14 @@ def solve(
 
     load_kernels()
     boxes = None if within is None else _boxes(problem, within)
-    workers = None if executor is None else _Loading(executor)
-    return solve_in_pieces(problem, Budget(options, cancel, progress, workers), boxes)
+    submit = None if executor is None else lambda *task: executor.submit(_with_kernels, *task)
+    return solve_in_pieces(problem, Budget(options, cancel, progress, submit), boxes)
 
 
-class _Loading(Executor):
-    """Makes the workers of an executor load the kernels before their first task."""
-
-    def __init__(self, executor: Executor) -> None:
-        self._executor = executor
-
-    def submit(self, function: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        return self._executor.submit(_with_kernels, function, *args, **kwargs)
-
-
-def _with_kernels(function: Callable[..., T], *args: Any, **kwargs: Any) -> T:
+def _with_kernels(function: Callable[..., Any], *args: Any) -> Any:
     """Return the result of a function after the kernels are loaded."""
     load_kernels()
-    return function(*args, **kwargs)
+    return function(*args)
 
 
 def _boxes(
@@ -164,7 +153,7 @@ def load_kernels() -> float:
     if not COMPILED:
         return 0.0
     options = SolverOptions(max_boxes=8, tighten_seconds=math.inf)
-    problems = [_braced_block(), _braced_grid(9, 7)]
+    problems = [_braced(3, 2, 2), _braced(9, 7)]
     for dimension in (2, 3):
         problems += [_joined_simplices(dimension, closed=closed) for closed in (False, True)]
         problems.append(_cross_polytope(dimension))
@@ -206,21 +195,12 @@ def _cross_polytope(dimension: int) -> Problem:
     return Problem(lower, upper, dimension)
 
 
-def _braced_grid(*shape: int) -> Problem:
-    """Return a piece that is large enough to be solved in patches."""
-    places = np.unravel_index(np.arange(math.prod(shape)), shape)
-    corners = np.stack(places, axis=1).astype(np.float64)
-    squared = ((corners[:, None] - corners[None]) ** 2).sum(axis=-1)
-    upper = np.where(squared < 2.5, 1.02 * squared, np.inf)
-    return Problem(np.where(squared < 2.5, squared, 0.0), upper)
-
-
-def _braced_block() -> Problem:
-    """Return a piece in space that is large enough to be placed point by point."""
-    corners = np.stack(np.unravel_index(np.arange(12), (3, 2, 2)), axis=1).astype(np.float64)
+def _braced(*shape: int) -> Problem:
+    """Return a piece that is large enough for patches or, in space, to be placed by points."""
+    corners = np.argwhere(np.ones(shape))
     squared = ((corners[:, None] - corners[None]) ** 2).sum(axis=-1)
     measured = squared < 2.5
-    # A corner with few pairs keeps the piece from being solved in one box.
+    # In space a corner with few pairs keeps the piece from being solved in one box.
     measured[0, 3] = measured[3, 0] = False
     upper = np.where(measured, 1.02 * squared, np.inf)
-    return Problem(np.where(measured, squared, 0.0), upper, 3)
+    return Problem(np.where(measured, squared, 0.0), upper, len(shape))

@@ -42,12 +42,6 @@ class Site:
         """Return the number of hypotheses of a piece that have an apex."""
         return sum(number == piece for number, _ in self.apexes)
 
-    def constraint(self, first: int, second: int, side: Side) -> SideConstraint | None:
-        """Return the side constraint of two apexes; None if they are one point."""
-        if first == second:
-            return None
-        return SideConstraint(self.face, first, second, side)
-
 
 @dataclass
 class PieceLink:
@@ -96,9 +90,11 @@ class Combination:
                 if (site.number, piece) in self.sides
             ]
             for apex, sign in chosen[1:]:
-                side = Side.SAME if sign == chosen[0][1] else Side.OPPOSITE
-                constraint = site.constraint(chosen[0][0], apex, side)
-                found += [constraint] if constraint else []
+                first, first_sign = chosen[0]
+                # Two pieces may have one apex in common.
+                if apex != first:
+                    side = Side.SAME if sign == first_sign else Side.OPPOSITE
+                    found.append(SideConstraint(site.face, first, apex, side))
         return found
 
 

@@ -198,31 +198,23 @@ class Linker:
                 network.links.append(link)
             elif site:
                 network.n_unlinked += 1
-        if site and sum(site.n_certain(x) > 0 for x in members) > 2:
-            if site.n_certain(hub) < self._n(hub):
-                network.is_exact = False
-                self._allow_more(network.links, hub, site)
-        if site and site.lost:
-            network.is_exact = network.lists_all_sides = False
-            self._allow_lost(network.links, site)
+        if site is None:
+            return
+        has_open_hub = site.n_certain(hub) < self._n(hub)
+        has_open_hub &= sum(site.n_certain(x) > 0 for x in members) > 2
+        if has_open_hub or site.lost:
+            network.is_exact = False
+            network.lists_all_sides &= not site.lost
+            self._allow_more(network.links, site, has_open_hub)
 
-    def _allow_lost(self, links: Sequence[PieceLink], site: Site) -> None:
-        """Allow either side where a link has no side because of a lost apex."""
+    def _allow_more(self, links: Sequence[PieceLink], site: Site, has_open_hub: bool) -> None:
+        """Allow either side at a lost apex, or at an apex where the hub of a site has none."""
         for link in links:
-            if link.site is site:
-                for (x, y), sides in link.allowed.items():
-                    ends = {(link.first, x), (link.second, y)}
-                    if sides == FREE and not ends.isdisjoint(site.lost):
-                        link.allowed[x, y] = EITHER
-
-    def _allow_more(self, links: Sequence[PieceLink], hub: int, site: Site) -> None:
-        """Allow either side where the first piece of a site has no apex but the second has."""
-        for link in links:
-            if link.site is site and link.first == hub:
-                for (x, y), sides in link.allowed.items():
-                    if sides == FREE and (hub, x) not in site.apexes:
-                        is_open = (link.second, y) in site.apexes
-                        link.allowed[x, y] = EITHER if is_open else FREE
+            for (x, y), sides in link.allowed.items() if link.site is site else ():
+                first, second = (link.first, x), (link.second, y)
+                is_open = has_open_hub and first not in site.apexes and second in site.apexes
+                if sides == FREE and (is_open or not site.lost.isdisjoint((first, second))):
+                    link.allowed[x, y] = EITHER
 
     def _n(self, piece: int) -> int:
         return len(self._pieces[piece].hypotheses)

@@ -15,7 +15,7 @@ pieces of a fleet, and combined.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import chain, product
 import math
 
@@ -35,7 +35,7 @@ from dg_localization.solver.assemble.solved_pieces import (
 from dg_localization.solver.box import LOWER, UPPER
 from dg_localization.solver.contract.linear import EXPLAINED_FACTOR
 from dg_localization.solver.decompose.decomposition import Decomposition
-from dg_localization.solver.decompose.graph import pairs_of
+from dg_localization.solver.decompose.graph import Pair, pairs_of
 from dg_localization.solver.patches.answers import PatchAnswers
 from dg_localization.solver.patches.neighborhoods import PATCH_POINTS
 from dg_localization.solver.patches.solver import MOST_WHOLE, PatchSolver
@@ -201,27 +201,26 @@ class PieceSolver:
     def _solved_again(self) -> Iterator[SolvedPiece]:
         """Solve small pieces again where other pieces know a shared distance far better."""
         for number, former in reversed(self._solved.items()):
-            is_small = len(former.points) <= MOST_WHOLE
-            if is_small and not self._budget.is_over() and self._is_known_better(number):
+            if len(former.points) > MOST_WHOLE or self._budget.is_over():
+                continue
+            joints = self._joints_of[number]
+            found = (self._better_known(number, joint, former.widest) for joint in joints)
+            if any(chain.from_iterable(found)):
                 self._solve(number)
                 if self._solved[number].is_finished:
                     yield self._solved[number]
                 else:
                     self._solved[number] = former
 
-    def _is_known_better(self, number: int) -> bool:
-        """Return whether another piece knows a shared distance far better than this one does."""
-        piece = self._solved[number]
-        return any(
-            EXPLAINED_FACTOR * other.widest(pair) < piece.widest(pair)
-            for joint in self._joints_of[number]
-            for other in self._others(joint, number)
-            for pair in pairs_of(joint.points)
-        )
-
-    def _others(self, joint: Joint, number: int) -> list[SolvedPiece]:
-        """Return the other solved pieces at a joint."""
-        return [self._solved[x] for x in joint.pieces if x in self._solved and x != number]
+    def _better_known(
+        self, number: int, joint: Joint, width_m2: Callable[[Pair], float]
+    ) -> Iterator[tuple[SolvedPiece, dict[Pair, float]]]:
+        """Yield the other pieces at a joint, with pairs far narrower there and their widths."""
+        for other in (self._solved[x] for x in joint.pieces if x in self._solved and x != number):
+            known = {pair: other.widest(pair) for pair in pairs_of(joint.points)}
+            better = {x: w for x, w in known.items() if EXPLAINED_FACTOR * w < width_m2(x)}
+            if better:
+                yield other, better
 
     def _resumed(self) -> Iterator[SolvedPiece]:
         """Resume the pieces that were not finished, small ones first."""
@@ -243,19 +242,13 @@ class PieceSolver:
         """Return the ranges of shared pairs that other pieces know far better than measured."""
         choices: list[list[Ranges]] = []
         for joint in self._joints_of[number]:
-            others = self._others(joint, number)
-            if not others:
-                continue
             face = pairs_of(joint.points)
             ends = np.array(face, dtype=np.int64).reshape(-1, 2).T
             lower, upper = self._problem.pairs.of(*ends)
             widths = dict(zip(face, (upper - lower).tolist(), strict=True))
-            for other in others:
-                known = {pair: other.widest(pair) for pair in face}
-                pairs = [pair for pair in face if EXPLAINED_FACTOR * known[pair] < widths[pair]]
-                if pairs:
-                    choices.append(other.ranges_of(pairs))
-                    widths |= {pair: known[pair] for pair in pairs}
+            for other, better in self._better_known(number, joint, widths.__getitem__):
+                choices.append(other.ranges_of([*better]))
+                widths.update(better)
         # The patches of a large piece hold all placements at once.
         most = 1 if len(self._points[number]) > MOST_CONTRACTED else MOST_RANGES
         while math.prod(len(ranges) for ranges in choices) > most:

@@ -13,11 +13,11 @@ SIAM J. Comput. 21(1), 1992, has the conditions in the plane.)
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import combinations
+from itertools import chain, combinations
 
 import numpy as np
 
@@ -106,17 +106,10 @@ def _as_array(pairs: Iterable[Pair]) -> IntArray:
 
 def _shared_pairs(components: list[Points]) -> set[Pair]:
     """Return the pairs of points that lie in two rigid components."""
-    n_components: dict[int, int] = defaultdict(int)
-    for component in components:
-        for point in component:
-            n_components[point] += 1
-    seen: set[Pair] = set()
-    shared: set[Pair] = set()
-    for component in components:
-        new = set(pairs_of(point for point in component if n_components[point] > 1))
-        shared |= seen & new
-        seen |= new
-    return shared
+    n_components = Counter(chain.from_iterable(components))
+    shared = ([point for point in c if n_components[point] > 1] for c in components)
+    n_shared = Counter(pair for points in shared for pair in pairs_of(points))
+    return {pair for pair, n in n_shared.items() if n > 1}
 
 
 def _joints_of_components(

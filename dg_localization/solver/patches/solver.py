@@ -18,7 +18,7 @@ between machines, so a task carries its remaining time.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Executor, Future
+from concurrent.futures import Future
 from dataclasses import dataclass
 from itertools import islice
 
@@ -95,14 +95,14 @@ def solve_subproblems(
         budget.spend(solved.statistics)
         return solved
 
-    if budget.executor is None:
+    if budget.submit is None:
         for part in parts:
             if stopped():
                 return
             yield solved_here(part)
         return
     limits = budget.part(1.0, most_boxes)
-    for part, solved in _solved_by_workers(budget.executor, parts, limits, stopped):
+    for part, solved in _solved_by_workers(budget.submit, parts, limits, stopped):
         if budget.boxes_left() < limits.options.max_boxes:
             # Without workers this part would have had fewer boxes.
             solved = solved_here(part)
@@ -125,17 +125,17 @@ def _solve_batch(parts: Sequence[Subproblem], options: SolverOptions) -> list[So
 
 
 def _solved_by_workers(
-    executor: Executor,
+    submit: Callable[..., Future[list[SolvedSubproblem]]],
     parts: Iterable[Subproblem],
     limits: Budget,
     stopped: Callable[[], bool],
 ) -> Iterator[tuple[Subproblem, SolvedSubproblem]]:
-    """Solve parts in the workers of an executor, each within the same limits."""
+    """Solve parts in workers, each within the same limits."""
     waiting: list[tuple[list[Subproblem], Future[list[SolvedSubproblem]]]] = []
     left = iter(parts)
     try:
         while not stopped() and (batch := list(islice(left, PARTS_PER_TASK))):
-            waiting.append((batch, executor.submit(_solve_batch, batch, limits.remaining())))
+            waiting.append((batch, submit(_solve_batch, batch, limits.remaining())))
         for batch, future in waiting:
             solved = _wait_for(future, stopped)
             yield from zip(batch, solved, strict=False)

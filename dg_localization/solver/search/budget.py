@@ -6,10 +6,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Executor
+from concurrent.futures import Future
 from dataclasses import replace
 import math
 import time
+from typing import Any
 
 from dg_localization.solver.options import Cancel, SolverOptions
 from dg_localization.solver.result import Statistics
@@ -38,21 +39,21 @@ class Budget:
         options: SolverOptions,
         cancel: Cancel | None = None,
         progress: Callable[[Statistics], None] | None = None,
-        executor: Executor | None = None,
+        submit: Callable[..., Future[Any]] | None = None,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         self.options = options
         self.spent = Statistics()
         self.progress = progress
-        self.executor = executor
+        self.submit = submit
         self._cancel = None if cancel is None else _Remembered(cancel)
         self._clock = clock
         self._start = clock()
         self._cancelled_s = math.inf
 
     def __getstate__(self) -> dict[str, object]:
-        """Return the state to pickle, without events, callables and executors."""
-        return vars(self) | {'_cancel': None, 'progress': None, 'executor': None}
+        """Return the state to pickle, without events, callables and workers."""
+        return vars(self) | {'_cancel': None, 'progress': None, 'submit': None}
 
     def again(self, options: SolverOptions | None = None) -> Budget:
         """Return a budget that starts now, with the same options or others."""
