@@ -7,8 +7,10 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass
-from numbers import Integral, Real
+from numbers import Real
 from typing import Protocol
+
+from dg_localization.solver.checks import is_whole
 
 LARGEST_RESOLUTION_M = 1e154
 """Its square is finite; squares overflow from 1.35e154 on."""
@@ -48,15 +50,18 @@ class SolverOptions:
     max_hypotheses: int = 64
 
     def __post_init__(self) -> None:
-        """Refuse values out of range."""
+        """Refuse values out of range; keep integers as those of Python."""
         self._check_real('resolution', ' m')
         self._check_real('max_seconds', ' s')
         self._check_real('tighten_seconds', ' s', zero=True)
         if not self.resolution <= LARGEST_RESOLUTION_M:
             text = f'must be positive and finite, at most {LARGEST_RESOLUTION_M} m'
             raise ValueError(f'resolution is {self.resolution} m, it {text}')
-        for name, least in (('max_boxes', 1), ('max_hypotheses', 1)):
-            self._check_whole(name, least)
+        for name in ('max_boxes', 'max_hypotheses'):
+            value = getattr(self, name)
+            if not is_whole(value) or value < 1:
+                raise ValueError(f'{name} is {value}, it must be an integer of at least 1')
+            object.__setattr__(self, name, int(value))
 
     def limited(self, max_boxes: int, max_seconds: float, tighten_seconds: float) -> SolverOptions:
         """Return a copy with other limits, which are valid by construction."""
@@ -73,13 +78,6 @@ class SolverOptions:
         if not is_number or not (value > 0.0 or (zero and value == 0.0)):
             raise ValueError(f'{name} is {value}{unit}, it must be a positive number')
         object.__setattr__(self, name, float(value))
-
-    def _check_whole(self, name: str, least: int) -> None:
-        """Refuse a value that is no integer or too small; keep others as Python integers."""
-        value = getattr(self, name)
-        if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
-            raise ValueError(f'{name} is {value}, it must be an integer of at least {least}')
-        object.__setattr__(self, name, int(value))
 
 
 class Cancel(Protocol):

@@ -39,11 +39,9 @@ def solve_in_pieces(
     if problem.n_points > MOST_DENSE:
         problem = problem.sparse()
     shared = with_shared_bounds(problem)
-    if shared is None:
+    if shared is None or (within is not None and len(within) == 0):
         return _infeasible(every, problem, budget)
     problem = shared
-    if within is not None and len(within) == 0:
-        return _infeasible(every, problem, budget)
     if decomposition is None:
         with until(budget.is_over):
             decomposition = pieces_of_problem(problem)
@@ -109,32 +107,19 @@ def _infeasible(points: Points, problem: Problem, budget: Budget) -> Result:
 def _result(product: Product, budget: Budget) -> Result:
     """Return the answer made of the pieces and their combinations."""
     solved, combinations = product.solved, product.combinations
-    pieces = tuple(
-        Piece(
-            piece.points,
-            tuple(piece.hypotheses[x] for x in sorted(left)),
-            tuple(_patches_of(piece)),
-        )
-        for piece, left in zip(solved.pieces, combinations.left, strict=True)
-    )
-    counts = [
-        piece.n_boxes(sorted(left))
-        for piece, left in zip(solved.pieces, combinations.left, strict=True)
-    ]
-    n_left, n_pending = (sum(numbers) for numbers in zip(*counts, strict=True))
-    spent = budget.spent
+    pieces, kept, pending = [], 0, 0
+    for piece, left in zip(solved.pieces, map(sorted, combinations.left), strict=True):
+        hypotheses = tuple(piece.hypotheses[x] for x in left)
+        pieces.append(Piece(piece.points, hypotheses, tuple(_patches_of(piece))))
+        n_boxes, n_pending = piece.n_boxes(left)
+        kept, pending = kept + n_boxes - n_pending, pending + n_pending
+    spent, seconds = budget.spent, budget.seconds()
     # Boxes that the neighbors of a piece rule out count as empty.
-    kept = n_left - n_pending
-    statistics = replace(
-        spent,
-        empty=spent.empty + spent.kept - kept,
-        kept=kept,
-        pending=n_pending,
-        seconds=budget.seconds(),
-    )
-    verdict = Verdict.OUT_OF_BUDGET if n_pending else Verdict.COVERED
+    empty = spent.empty + spent.kept - kept
+    statistics = replace(spent, empty=empty, kept=kept, pending=pending, seconds=seconds)
+    verdict = Verdict.OUT_OF_BUDGET if pending else Verdict.COVERED
     joints = tuple(solved.joints)
-    return Result(verdict, statistics, pieces, joints, product.number, product)
+    return Result(verdict, statistics, tuple(pieces), joints, product.number, product)
 
 
 def _patches_of(piece: SolvedPiece) -> Iterator[Piece]:

@@ -18,14 +18,15 @@ from dg_localization.solver.assemble.combinations import Combination, Combinatio
 from dg_localization.solver.assemble.links import Linker, crossing_pairs, is_degenerate
 from dg_localization.solver.assemble.solved_pieces import SolvedPieces
 from dg_localization.solver.box import UPPER, FloatArray
-from dg_localization.solver.place.existence import settled
-from dg_localization.solver.place.hypotheses import MOST_STARTS, hulls_of, place_problem
-from dg_localization.solver.place.placements import (
-    MARGIN,
-    refined,
-    sought,
+from dg_localization.solver.place.hypotheses import (
+    MOST_STARTS,
+    Placement,
+    first_proved,
+    hulls_of,
+    never,
+    place_problem,
 )
-from dg_localization.solver.place.proofs import with_known_chirality
+from dg_localization.solver.place.placements import MARGIN, refined, sought
 from dg_localization.solver.problem import Problem, points_of
 from dg_localization.solver.result import Hypothesis, JointKind
 from dg_localization.solver.search.budget import Budget
@@ -239,9 +240,11 @@ class Product:
         parts = [as_box(part) for part in parts_within([bounds], self._within)]
         for hull, numbers in hulls_of(parts):
             boxes = [parts[x][: UPPER + 1] for x in numbers]
-            found: tuple[FloatArray | None, bool] = (None, False)
+            found: Placement = (None, False)
             if is_first or not budget.is_over():
-                found = self._placement(combination, hull, boxes, budget.is_over)
+                problem = self._assembly.with_sides(combination)
+                attempts = self._attempts(problem, combination, hull, budget.is_over)
+                found = first_proved(problem, attempts, boxes, budget.is_over, never)
             yield Hypothesis(hull[0], hull[1], np.stack(boxes), *found, flexible)
 
     def _may_turn(self, chosen: Sequence[Hypothesis]) -> bool:
@@ -254,27 +257,6 @@ class Product:
             ):
                 return True
         return False
-
-    def _placement(
-        self,
-        combination: Combination,
-        bounds: FloatArray,
-        boxes: Sequence[FloatArray],
-        stopped: Callable[[], bool],
-    ) -> tuple[FloatArray | None, bool]:
-        """Return a placement of a combination, and whether it is proved to agree, in a box."""
-        problem = self._assembly.with_sides(combination)
-        first = None
-        for positions in self._attempts(problem, combination, bounds, stopped):
-            placed = with_known_chirality(problem, positions)
-            placed, proved = settled(problem, placed, boxes)
-            if proved:
-                return placed, True
-            if first is None:
-                first = placed
-            if stopped():
-                break
-        return first, False
 
     def _attempts(
         self,

@@ -50,7 +50,6 @@ class ChainedHypothesis(LazyHypothesis):
     _graph: ChainGraph
     _n_points: int
     _within: Sequence[Bounds] | None
-    _may_move: Callable[[], bool] | None
 
     def __init__(
         self,
@@ -58,23 +57,9 @@ class ChainedHypothesis(LazyHypothesis):
         n_points: int,
         within: Sequence[Bounds] | None,
         seek: Seek | None = None,
-        may_move: Callable[[], bool] | None = None,
+        may_move: Callable[[Hypothesis], bool] | None = None,
     ) -> None:
-        # The base class is frozen.
-        values = {
-            '_graph': graph,
-            '_n_points': n_points,
-            '_within': within,
-            '_seek': seek,
-            '_may_move': may_move,
-        }
-        self.__dict__.update(values)
-
-    @cached_property
-    @default_environment()
-    def flexible(self) -> bool:
-        """Whether the placements are a continuum even without measurement errors, or may be."""
-        return self._may_move is None or self._may_move()
+        super().__init__(seek, may_move, _graph=graph, _n_points=n_points, _within=within)
 
     def bounds_of_pair(self, first: int, second: int) -> tuple[float, float]:
         """Return the bounds in m^2 of the squared distance of two points, by their rows."""
@@ -216,7 +201,7 @@ class PatchAnswers:
         """Prove that the known pairs of a placement agree with a choice of hypotheses."""
         return pairs_lie_within(self._solved.known.pairs, *self._chosen(choice), positions)
 
-    def _may_move(self) -> bool:
+    def _may_move(self, _: Hypothesis) -> bool:
         """Return whether a placement can move, or that takes too long to examine."""
         solved = self._solved
         patches = [h for p in solved.patches for h in p.remaining()]

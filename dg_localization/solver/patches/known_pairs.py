@@ -24,7 +24,6 @@ from dg_localization.solver.decompose.graph import BoolArray, Pair, Points
 from dg_localization.solver.pair_bounds import PairBounds, pairs_among
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Hypothesis
-from dg_localization.solver.subproblem import Bounds
 
 
 @dataclass(eq=False)
@@ -56,28 +55,22 @@ class Patch:
         return sum(box.tobytes() in self.pending for box in boxes)
 
 
-class KnownPairs:
-    """The pairs that are measured or lie in patches, and bounds of their squared distances."""
+class KnownPairs(PairBounds):
+    """Bounds of the pairs that are measured or lie in patches."""
 
     def __init__(
         self, problem: Problem, measured: Sequence[Pair], patches: Sequence[Patch]
     ) -> None:
-        self._n_points = problem.n_points
-        self._patches = patches
-        keys = [self._keys(patch.points) for patch in patches]
+        n_points, keys = problem.n_points, []
+        for points in (np.array(patch.points) for patch in patches):
+            rows, columns = pairs_among(len(points))
+            keys.append(points[rows] * n_points + points[columns])
         rows, columns = np.array(measured, dtype=np.int64).T
-        self._all_keys = np.unique(np.concatenate([rows * self._n_points + columns, *keys]))
-        self.pairs = np.stack(np.divmod(self._all_keys, self._n_points), axis=1)
-        rows, columns = self.pairs.T
-        self.lower, self.upper = problem.pairs.of(rows, columns)
-        self.numbers = [np.searchsorted(self._all_keys, of_patch) for of_patch in keys]
+        every = np.unique(np.concatenate([rows * n_points + columns, *keys]))
+        super().__init__(n_points, every, *problem.pairs.of(*np.divmod(every, n_points)))
+        self._patches = patches
+        self.numbers = [np.searchsorted(every, of_patch) for of_patch in keys]
         self._bounds = [_bounds_of(patch) for patch in patches]
-
-    def _keys(self, points: Points) -> IntArray:
-        """Return one number for each pair of some points."""
-        members = np.array(points)
-        rows, columns = pairs_among(len(points))
-        return np.asarray(members[rows] * self._n_points + members[columns])
 
     def narrow(self) -> int | None:
         """Drop hypotheses until all agree; return a patch without any left, or None."""
@@ -131,11 +124,6 @@ class KnownPairs:
             self.numbers[first], self.numbers[second], assume_unique=True, return_indices=True
         )
         return self._bounds[first][:, :, of_first], self._bounds[second][:, :, of_second]
-
-    def among(self, points: Points) -> Bounds:
-        """Return the bounds of all pairs of some points; pairs in no patch are unbounded."""
-        pairs = PairBounds(self._n_points, self._all_keys, self.lower, self.upper)
-        return pairs.among(points)
 
 
 def _bounds_of(patch: Patch) -> FloatArray:

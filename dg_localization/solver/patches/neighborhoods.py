@@ -15,7 +15,7 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 import numpy as np
 
 from dg_localization.solver.decompose.graph import Pair, Points
-from dg_localization.solver.decompose.rigid_components import joined_bodies, rigid_components
+from dg_localization.solver.decompose.rigid_components import rigid_components
 
 PATCH_POINTS = 8
 """Most points of a patch: larger ones took longer and gave bounds as wide."""
@@ -146,16 +146,6 @@ def covering_patches(
             patches.append(patch)
             covered.update(graph.pairs_among(patch))
     return patches
-
-
-def bodies_of(patches: Sequence[Points], dimension: int) -> list[set[int]]:
-    """
-    Return the unions of patches that share more than q points, largest first.
-
-    Patches that share only q points may be mirrored in them, unless a third one prevents it.
-    """
-    bodies = joined_bodies(patches, dimension + 1)
-    return sorted(bodies, key=lambda body: (-len(body), min(body)))
 
 
 def seam_patches(

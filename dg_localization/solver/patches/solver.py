@@ -28,12 +28,12 @@ from dg_localization.interval.environment import default_environment
 from dg_localization.interval.pave import Paving
 from dg_localization.solver.box import UPPER, FloatArray
 from dg_localization.solver.decompose.graph import Pair, Points
+from dg_localization.solver.decompose.rigid_components import joined_bodies
 from dg_localization.solver.options import SolverOptions
 from dg_localization.solver.patches.known_pairs import Ambiguities, KnownPairs, Patch
 from dg_localization.solver.patches.neighborhoods import (
     PATCH_POINTS,
     Neighborhoods,
-    bodies_of,
     covering_patches,
     seam_patches,
 )
@@ -236,7 +236,9 @@ class PatchSolver:
             known, empty = self._narrowed(patches)
             if empty is not None:
                 return SolvedPatches([empty], known)
-            bodies = bodies_of([patch.points for patch in patches], q)
+            # Patches that share only q points may be mirrored in them, unless a third prevents it.
+            bodies = joined_bodies([patch.points for patch in patches], q + 1)
+            bodies.sort(key=lambda body: (-len(body), min(body)))
             new = [] if self._is_over() else list(self._further(known, patches, bodies))
             if not new:
                 return SolvedPatches(patches, known, self._is_one(bodies), n_unsolved)

@@ -24,7 +24,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dg_localization.interval.arrays import Interval, determinant, squared_norm, total_up, up
 from dg_localization.interval.kernels import WORK_OF_A_STEP, WORK_PER_LOOK, look_after
@@ -53,7 +52,8 @@ def settled(
     """
     if agrees(problem, positions):
         return positions, boxes is None or any(lies_in(box, positions) for box in boxes)
-    known, exact = problem.pairs, _exact(problem)
+    known = problem.pairs
+    exact = np.isfinite(known.upper) & ((1.0 - NARROW) * known.upper <= known.lower)
     pairs = known.pairs[exact]
     is_solvable = 0 < len(pairs) <= positions.size - positions.shape[1]
     # A proof inverts a matrix with a row and a column for each pair.
@@ -77,12 +77,6 @@ def settled(
             and (boxes is None or any(_may_lie_in(box, near) for box in boxes))
         )
     return (moved[0], True) if proved else (positions, False)
-
-
-def _exact(problem: Problem) -> NDArray[np.bool_]:
-    """Return which pairs of a problem are known exactly, or nearly so."""
-    lower, upper = problem.pairs.lower, problem.pairs.upper
-    return np.isfinite(upper) & ((1.0 - NARROW) * upper <= lower)
 
 
 def _newton(

@@ -99,13 +99,13 @@ def _placements_sought(
         yield sought(start, known.pairs, known.lower, known.upper, stopped)
 
 
-def _may_move(problem: Problem, found: Placement) -> bool:
+def _may_move(problem: Problem, found: Hypothesis) -> bool:
     """Return whether a placement is flexible; an unproved one counts as flexible."""
     measured = np.isfinite(problem.upper)
     if measured.all():
         return False
-    positions, proved = found
-    return positions is None or not proved or is_flexible(positions, measured)
+    placed = found.positions
+    return placed is None or not found.proved or is_flexible(placed, measured)
 
 
 class LazyHypothesis(Hypothesis):
@@ -116,6 +116,16 @@ class LazyHypothesis(Hypothesis):
     """
 
     _seek: Seek | None
+    _may_move: Callable[[Hypothesis], bool] | None
+
+    def __init__(
+        self,
+        seek: Seek | None,
+        may_move: Callable[[Hypothesis], bool] | None,
+        **more: object,
+    ) -> None:
+        # The base class is frozen.
+        self.__dict__.update(more, _seek=seek, _may_move=may_move)
 
     @cached_property
     @default_environment()
@@ -132,31 +142,11 @@ class LazyHypothesis(Hypothesis):
         """Whether the placement meets every constraint of the problem and lies in a box."""
         return self._placed[1]
 
-
-class HypothesisOfBoxes(LazyHypothesis):
-    """A hypothesis made of boxes of a cover."""
-
-    _problem: Problem
-    _is_open: bool
-
-    def __init__(
-        self,
-        problem: Problem,
-        hull: FloatArray,
-        inside: list[FloatArray],
-        seek: Seek,
-        is_open: bool,
-    ) -> None:
-        # The base class is frozen.
-        boxes = np.array([box[: UPPER + 1] for box in inside])
-        values = {'lower': hull[LOWER], 'upper': hull[UPPER], 'boxes': boxes, '_seek': seek}
-        self.__dict__.update(values, _problem=problem, _is_open=is_open)
-
     @cached_property
     @default_environment()
     def flexible(self) -> bool:
         """Whether the placements are a continuum even without measurement errors, or may be."""
-        return self._is_open or _may_move(self._problem, self._placed)
+        return self._may_move is None or self._may_move(self)
 
 
 def hypotheses_of(
@@ -178,7 +168,10 @@ def hypotheses_of(
         inside = [boxes[index] for index in indices]
         seek = partial(_placed_in_time, problem, inside, clock, start_of, indices)
         is_open = any(index >= len(kept) for index in indices)
-        found.append(HypothesisOfBoxes(problem, hull, inside, seek, is_open))
+        may_move = None if is_open else partial(_may_move, problem)
+        covers = np.array([box[: UPPER + 1] for box in inside])
+        known = {'lower': hull[LOWER], 'upper': hull[UPPER], 'boxes': covers}
+        found.append(LazyHypothesis(seek, may_move, **known))
     return found
 
 
@@ -195,12 +188,28 @@ def _placed_in_time(
     ended = never if problem.n_points * problem.dimension <= AT_ONCE else stopped
     # Starts of further boxes are computed only if earlier ones prove nothing.
     starts = (start_of(index, stopped) for index in indices) if start_of else ()
+    attempts = _placements_sought(problem, inside, starts, stopped)
+    return first_proved(problem, attempts, inside, stopped, ended)
+
+
+def first_proved(
+    problem: Problem,
+    attempts: Iterable[FloatArray],
+    boxes: Sequence[FloatArray],
+    stopped: Stopped,
+    ended: Stopped,
+) -> Placement:
+    """
+    Return the first placement that is proved, else the first one.
+
+    No other one is tried when `stopped`, and none is finished when `ended`.
+    """
     first = None
     with until(ended):
-        for positions in _placements_sought(problem, inside, starts, stopped):
+        for positions in attempts:
             placed, proved = with_known_chirality(problem, positions), False
             with until(ended):
-                placed, proved = settled(problem, placed, inside)
+                placed, proved = settled(problem, placed, boxes)
             if proved:
                 return placed, True
             first = placed if first is None else first
