@@ -171,10 +171,14 @@ def determinant(rows: Interval) -> Interval:
 
 def dot(a: Interval, b: Interval) -> Interval:
     """Return the inner products along the last axis."""
-    products = a * b
-    total = products[..., 0]
-    for k in range(1, products.lower.shape[-1]):
-        total = total + products[..., k]
+    return _sum(a * b)
+
+
+def _sum(terms: Interval) -> Interval:
+    """Return the sums along the last axis."""
+    total = terms[..., 0]
+    for k in range(1, terms.lower.shape[-1]):
+        total = total + terms[..., k]
     return total
 
 
@@ -186,11 +190,7 @@ def cross(a: Interval, b: Interval) -> Interval:
 
 def squared_norm(vectors: Interval) -> Interval:
     """Return the squared lengths along the last axis."""
-    squares = vectors.square()
-    total = squares[..., 0]
-    for k in range(1, squares.lower.shape[-1]):
-        total = total + squares[..., k]
-    return total
+    return _sum(vectors.square())
 
 
 def normalized(vectors: Interval) -> Interval:

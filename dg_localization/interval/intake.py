@@ -98,14 +98,9 @@ def _round_floats(array: NDArray, towards: float) -> NDArray[np.float64]:
         return np.where(is_beyond, np.nextafter(nearest, towards), nearest)
 
 
-def _is_number(value: object) -> bool:
-    """Return whether a value is a real number, not a truth value."""
-    return isinstance(value, Real | Decimal) and not isinstance(value, bool)
-
-
 def _round_number(value: Any, towards: float, index: tuple[int, ...]) -> float:
     """Round a number of Python or of NumPy."""
-    if not _is_number(value):
+    if not isinstance(value, Real | Decimal) or isinstance(value, bool):
         place = ','.join(map(str, index))
         raise ValueError(f'has the entry [{place}] = {value!r}, a real number is needed')
     if isinstance(value, Integral):

@@ -38,7 +38,7 @@ from dg_localization.solver.contract.reduction import MOST_THROUGH
 from dg_localization.solver.contract.triangles import smooth
 from dg_localization.solver.contract.widths import is_finished
 from dg_localization.solver.decompose.graph import BoolArray
-from dg_localization.solver.place.placements import place
+from dg_localization.solver.place.placements import REFERENCE_STEPS, place
 from dg_localization.solver.problem import Problem
 from dg_localization.solver.result import Statistics
 from dg_localization.solver.search.budget import Budget
@@ -119,9 +119,6 @@ WELL_EXPLAINED = 2.0
 COMBINED_GROWTH = 1.15
 """Beyond `MOST_TOGETHER` points, pairs are combined only after their number grew by this factor,
 and the regions of a point are computed anew only after its distances grew by as much."""
-
-REFERENCE_STEPS = 3
-"""Least-squares steps towards the placement that is used to choose frames."""
 
 
 @dataclass(frozen=True)

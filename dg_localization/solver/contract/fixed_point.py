@@ -23,8 +23,8 @@ from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray, Statu
 from dg_localization.solver.contract.linear import (
     EXPLAINED_FACTOR,
     ConnectedPoints,
-    combine,
     connected_points_of,
+    contract_linear,
 )
 from dg_localization.solver.contract.local_frames import contract_in_frame
 from dg_localization.solver.contract.reduction import (
@@ -43,6 +43,7 @@ from dg_localization.solver.contract.widths import (
     largest_gain,
     rank_axes,
 )
+from dg_localization.solver.place.placements import REFERENCE_STEPS, place
 from dg_localization.solver.problem import Problem
 
 SMOOTHED_SWEEPS = 2
@@ -203,14 +204,12 @@ class Contractor:
         in groups that are not rigid. Return False if the box holds no placement.
         """
         explained[:] = 0.0
-        for group in self._groups:
-            points = group.points
-            if len(points) == len(explained):
-                return combine(box, self.problem.dimension, group, explained)
+        for points, edges, errors, held_m2 in self._groups:
             local, of_group = sub_box(box, points), np.zeros((len(points), len(points)))
-            if not combine(local, self.problem.dimension, group, of_group):
+            reference = place(local, self.problem.dimension, REFERENCE_STEPS)
+            if not contract_linear(local, reference, edges, errors, held_m2, of_group):
                 return False
-            explained[np.ix_(points, points)] = of_group
+            explained[points[:, None], points] = of_group
             box[:, points[:, None], points] = local
         return True
 

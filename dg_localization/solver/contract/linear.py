@@ -34,7 +34,6 @@ from dg_localization.solver.contract.newton import (
 )
 from dg_localization.solver.contract.reduction import MOST_THROUGH
 from dg_localization.solver.decompose.rigid_components import is_rigid
-from dg_localization.solver.place.placements import place
 from dg_localization.solver.problem import Problem
 
 EXPLAINED_FACTOR = 3.0
@@ -152,23 +151,3 @@ def connected_points_of(problem: Problem, smoothed: FloatArray) -> list[Connecte
         held_m2 = float(errors[narrow].sum() if is_held else errors.sum())
         groups.append(ConnectedPoints(points, edges, errors, held_m2))
     return groups
-
-
-REFERENCE_STEPS = 3
-"""Least-squares steps towards the reference placement, which need not meet any bound."""
-
-
-def combine(
-    box: FloatArray, dimension: int, group: ConnectedPoints, explained: FloatArray
-) -> bool:
-    """
-    Narrow connected points by linear combinations of measured pairs.
-
-    The widths that measurement errors explain are written in m^2 if the measurements make the
-    points rigid. Return False if the box is proved to hold no placement.
-    """
-    # Any placement serves as a reference.
-    positions = place(box, dimension, REFERENCE_STEPS)
-    return bool(
-        contract_linear(box, positions, group.edges, group.errors, group.held_m2, explained)
-    )

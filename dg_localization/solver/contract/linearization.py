@@ -224,6 +224,10 @@ def _set_displacements(box: FloatArray, frame: IntArray, linear: Linearization) 
     reference, unknowns, displacements = linear.reference, linear.unknowns, linear.displacements
     n_points, dimension = reference.shape
     enclosure = enclose_in_frame(box, frame)
+    unknowns[:] = 0
+    for corner in range(dimension + 1):
+        unknowns[frame[corner], corner:] = -1
+    n_unknowns = 0
     for i in range(n_points):
         for axis in range(dimension):
             low, high = enclosure[i, LOWER, axis], enclosure[i, UPPER, axis]
@@ -233,22 +237,15 @@ def _set_displacements(box: FloatArray, frame: IntArray, linear: Linearization) 
                 return -2
             displacements[i, LOWER, axis] = down(low - reference[i, axis])
             displacements[i, UPPER, axis] = up(high - reference[i, axis])
-            unknowns[i, axis] = 0
-    for corner in range(dimension + 1):
-        for axis in range(corner, dimension):
-            unknowns[frame[corner], axis] = -1
-            displacements[frame[corner], LOWER, axis] = 0.0
-            displacements[frame[corner], UPPER, axis] = 0.0
+            if unknowns[i, axis] < 0:
+                displacements[i, :, axis] = 0.0
+            else:
+                unknowns[i, axis] = n_unknowns
+                n_unknowns += 1
     for m in range(len(linear.edges)):
         i, j = linear.edges[m, 0], linear.edges[m, 1]
         for axis in range(dimension):
             linear.gradients[m, axis] = 2.0 * (reference[i, axis] - reference[j, axis])
-    n_unknowns = 0
-    for i in range(n_points):
-        for axis in range(dimension):
-            if unknowns[i, axis] == 0:
-                unknowns[i, axis] = n_unknowns
-                n_unknowns += 1
     return n_unknowns
 
 

@@ -206,7 +206,8 @@ def _newton_step(linear: Linearization, inverse: FloatArray, relative: FloatArra
         for axis in range(dimension):
             target[i, axis], target[j, axis] = 1.0, -1.0
             set_multipliers(linear, inverse, i, j, target, multipliers)
-            gain = _narrow_by(linear, multipliers, target, relative[m], axis)
+            low, high = bound_linear_function(linear, multipliers, target)
+            gain = narrow_bounds(relative[m], axis, low, high)
             target[i, axis], target[j, axis] = 0.0, 0.0
             if gain < 0.0:
                 return -1.0
@@ -217,24 +218,11 @@ def _newton_step(linear: Linearization, inverse: FloatArray, relative: FloatArra
             if row < 0:
                 continue
             target[i, axis] = 1.0
-            gain = _narrow_by(linear, inverse[row], target, linear.displacements[i], axis)
+            low, high = bound_linear_function(linear, inverse[row], target)
             target[i, axis] = 0.0
-            if gain < 0.0:
+            if narrow_bounds(linear.displacements[i], axis, low, high) < 0.0:
                 return -1.0
     return largest_gain
-
-
-@kernel(borrows=True)
-def _narrow_by(
-    linear: Linearization,
-    multipliers: FloatArray,
-    target: FloatArray,
-    bounds: FloatArray,
-    axis: int,
-) -> float:
-    """Narrow bounds by a combination; return the gain, negative if empty."""
-    low, high = bound_linear_function(linear, multipliers, target)
-    return narrow_bounds(bounds, axis, low, high)
 
 
 @kernel(borrows=True)

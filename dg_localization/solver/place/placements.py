@@ -27,8 +27,8 @@ from dg_localization.solver.box import LOWER, UPPER, FloatArray, IntArray
 MARGIN = 0.1
 """Least squares aims this fraction of an interval's width inside its ends."""
 
-MOST_STEPS = 30
-"""Most steps of least squares."""
+MOST_STEPS, REFERENCE_STEPS = 30, 3
+"""Most steps of least squares, in general and towards a reference that need not meet bounds."""
 
 FIRST_DAMPING, MOST_DAMPING = 1e-6, 1e3
 """Terms added to the diagonal of the normal equations of unit vectors."""
