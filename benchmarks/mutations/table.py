@@ -369,8 +369,8 @@ SEARCHING = [
         ('test/solver/test_stopped_early.py::test_what_was_not_examined_counts_as_flexible',),
         (
             'what was not examined counts as rigid',
-            'return self._is_open or _may_move(self._problem, self._placed)',
-            'return _may_move(self._problem, self._placed)',
+            'may_move = None if is_open else partial(_may_move, problem)',
+            'may_move = partial(_may_move, problem)',
         ),
     ),
     *_in(
@@ -479,7 +479,7 @@ SEARCHING = [
     ),
     *_in(
         'solver',
-        'patches/answers',
+        'place/hypotheses',
         ('test/solver/test_stopped_early.py',),
         (
             'points that nothing is known of count as rigid',

@@ -305,6 +305,14 @@ def test_a_chirality_of_one_triangle_says_nothing_of_the_other():
     assert result.n_hypotheses == len(result.hypotheses) == 2
 
 
+def test_what_does_not_tell_a_side_leaves_both():
+    positions = np.array([(0, 0), (4, 0), (1, 2), (3, 1)], dtype=float)
+    free, known = SideConstraint((0, 1), 2, 3, Side.FREE), Chirality((0, 1, 2), 1)
+    for more in ({'sides': [free]}, {'chiralities': [known]}):
+        result = solve(problem_of(positions, ON_ONE_EDGE[:5], error=0.1, **more))
+        assert result.n_hypotheses == len(result.hypotheses) == 2
+
+
 def folded_strip(n_points, least=0.0, **constraints):
     """Return a strip of triangles, its ends at least so far apart as a part of their distance."""
     positions = [(i, 2 * (i % 2)) for i in range(n_points)]

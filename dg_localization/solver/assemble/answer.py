@@ -13,11 +13,13 @@ from dg_localization.solver.assemble.pieces import PieceSolver
 from dg_localization.solver.assemble.product import Nothing, Product
 from dg_localization.solver.assemble.solved_pieces import SolvedPiece, SolvedPieces, unexamined
 from dg_localization.solver.contract.reduction import SMALL_FLEET
+from dg_localization.solver.contract.sides import known_apexes
 from dg_localization.solver.decompose.decomposition import Decomposition
 from dg_localization.solver.decompose.graph import Points
+from dg_localization.solver.decompose.rigid_components import joined_bodies
 from dg_localization.solver.place.hypotheses import hypotheses_of
 from dg_localization.solver.problem import Problem
-from dg_localization.solver.result import JointKind, Piece, Result, Verdict
+from dg_localization.solver.result import Piece, Result, Verdict
 from dg_localization.solver.search.budget import Budget
 from dg_localization.solver.search.search import search_in_one_box
 from dg_localization.solver.subproblem import (
@@ -72,15 +74,22 @@ def _solved(
 
 
 def _may_be_one_piece(problem: Problem, decomposition: Decomposition) -> bool:
-    """Return whether known sides or chiralities may decide all joints of a small fleet."""
-    return (
-        len(decomposition.pieces) > 1
-        and problem.n_points <= SMALL_FLEET
-        and bool(problem.sides or problem.chiralities)
-        and all(joint.kind is JointKind.REFLECTION for joint in decomposition.joints)
-        and sum(len(joint.pieces) - 1 for joint in decomposition.joints)
-        == len(decomposition.pieces) - 1
-    )
+    """Return whether known sides or chiralities tell the sides of all pieces of a small fleet."""
+    pieces, joints = decomposition.pieces, decomposition.joints
+    n_linked = sum(len(joint.pieces) - 1 for joint in joints)
+    if problem.n_points > SMALL_FLEET or not 0 < n_linked == len(pieces) - 1:
+        return False
+    known = known_apexes(problem)
+    for joint in joints:
+        # The pieces that have an apex in each group, whose sides of the face are known.
+        told: dict[int, set[int]] = {}
+        for face, group, apex, _ in known:
+            if face == joint.points:
+                on_sides = (x for x in joint.pieces if apex in pieces[x])
+                told.setdefault(group, set()).update(on_sides)
+        if set(joint.pieces) not in joined_bodies([*told.values()], 1):
+            return False
+    return True
 
 
 def _solved_in_one_box(problem: Problem, budget: Budget) -> SolvedPieces | None:

@@ -39,7 +39,7 @@ class Sides(NamedTuple):
     rows: IntArray
 
 
-def _rows(problem: Problem) -> list[tuple[tuple[int, ...], int, int, int]]:
+def known_apexes(problem: Problem) -> list[tuple[tuple[int, ...], int, int, int]]:
     """List (sorted face, group, apex, sign) of every known apex."""
     rows = []
     for group, constraint in enumerate(problem.sides, start=_CHIRALITY_GROUP + 1):
@@ -65,7 +65,7 @@ def sides_of(problem: Problem) -> Sides:
     start = np.zeros((n_points, n_points), dtype=np.int64)
     stop = np.zeros((n_points, n_points), dtype=np.int64)
     table: list[tuple[int, int, int, int]] = []
-    for face, group, apex, sign in sorted(_rows(problem)):
+    for face, group, apex, sign in sorted(known_apexes(problem)):
         index = (face[0], face[-1] if len(face) < 3 else face[1])
         if stop[index] == 0:
             start[index] = len(table)
