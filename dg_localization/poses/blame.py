@@ -21,7 +21,7 @@ from dg_localization.interval.environment import default_environment
 from dg_localization.interval.kernels import kernel
 from dg_localization.poses.cover import Cover
 from dg_localization.poses.cuts import W_SIZE, cut_box
-from dg_localization.poses.half_spaces import RULED_OUT, VIEW, view_box
+from dg_localization.poses.half_spaces import RULED_OUT, VIEW, Scratch, view_box
 from dg_localization.poses.readings import PairReadings
 from dg_localization.poses.search import PairOptions, cover_poses
 
@@ -46,11 +46,11 @@ def rule_out(boxes: np.ndarray, table: np.ndarray, ruled_out: np.ndarray) -> Non
 
     """
     view, faces = np.empty((2, VIEW)), np.empty((2, 4))
-    smear, w = np.zeros(4), np.empty(W_SIZE)
+    scratch = Scratch(view, faces, np.zeros(4), np.empty(W_SIZE))
     for number in range(boxes.shape[0]):
         view_box(boxes[number], view)
         for index in range(table.shape[0]):
-            state = cut_box(faces, smear, w, boxes[number], view, table[index])
+            state = cut_box(scratch, boxes[number], table[index])
             ruled_out[number, index] = state == RULED_OUT
 
 

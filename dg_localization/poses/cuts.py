@@ -41,6 +41,9 @@ from dg_localization.poses.half_spaces import (
     SIZE,
     UNDECIDED,
     YAW,
+    Bodies,
+    Scratch,
+    Slopes,
     X,
     Y,
     Z,
@@ -98,7 +101,7 @@ def _error_along(
 
 @kernel(inlined=True)
 def _stray(
-    view: np.ndarray, bodies: tuple[int, int], w: np.ndarray, ux: float, uy: float, uz: float
+    view: np.ndarray, bodies: Bodies, w: np.ndarray, ux: float, uy: float, uz: float
 ) -> float:
     """
     Bound the distance of w within the box from the line along the unit vector u.
@@ -120,8 +123,8 @@ def _stray(
 
 @kernel(inlined=True)
 def distance_half_spaces(
-    view: np.ndarray, bodies: tuple[int, int], row: np.ndarray, w: np.ndarray
-) -> tuple[bool, tuple[float, float, float, float, float], float, float, float]:
+    view: np.ndarray, bodies: Bodies, row: np.ndarray, w: np.ndarray
+) -> tuple[bool, Slopes, float, float, float]:
     """
     Return whether a distance is within its bounds all over a box, and half-spaces that bound it.
 
@@ -166,40 +169,30 @@ def distance_half_spaces(
 
 
 @kernel(inlined=True)
-def _cut_distance(
-    faces: np.ndarray,
-    smear: np.ndarray,
-    box: np.ndarray,
-    view: np.ndarray,
-    bodies: tuple[int, int],
-    row: np.ndarray,
-    w: np.ndarray,
-) -> int:
+def _cut_distance(scratch: Scratch, box: np.ndarray, bodies: Bodies, row: np.ndarray) -> int:
     """Cut off the poses whose distance of the two points is outside its bounds."""
-    settled, slopes, reach, far, near = distance_half_spaces(view, bodies, row, w)
+    w = scratch.w
+    settled, slopes, reach, far, near = distance_half_spaces(scratch.views, bodies, row, w)
     if settled:
         return SETTLED
     if w[BALL] < w[NORM]:
-        spread(smear, view, bodies, slopes)
+        spread(scratch, bodies, slopes)
     else:
-        spread(smear, view, bodies, (1.0, 1.0, 1.0, row[A_RADIUS], row[B_RADIUS]))
+        spread(scratch, bodies, (1.0, 1.0, 1.0, row[A_RADIUS], row[B_RADIUS]))
     x, y, z, slope_a, slope_b = slopes
-    if cut(faces, box, view, bodies, reach, slopes, far):
+    if cut(scratch, box, bodies, reach, slopes, far):
         return RULED_OUT
-    if cut(faces, box, view, bodies, reach, (-x, -y, -z, -slope_a, -slope_b), near):
+    if cut(scratch, box, bodies, reach, (-x, -y, -z, -slope_a, -slope_b), near):
         return RULED_OUT
     return UNDECIDED
 
 
 @kernel(inlined=True)
 def _cut_side(
-    faces: np.ndarray,
-    smear: np.ndarray,
+    scratch: Scratch,
     box: np.ndarray,
-    view: np.ndarray,
-    bodies: tuple[int, int],
+    bodies: Bodies,
     row: np.ndarray,
-    w: np.ndarray,
     cx: float,
     cy: float,
     cz: float,
@@ -210,6 +203,7 @@ def _cut_side(
     With the origin o and the yaw of the observer it is (R(yaw) c).(target - o) - c.sensor: both
     factors of the product move. Their changes multiplied are bounded by `drift`.
     """
+    view, w = scratch.views, scratch.w
     by_a = row[OBSERVER] == BY_A
     observer, target = bodies if by_a else (bodies[1], bodies[0])
     sign = 1.0 if by_a else -1.0
@@ -241,23 +235,16 @@ def _cut_side(
     reach = reach_of(view, bodies, slopes)
     if least - slack >= reach:
         return SETTLED
-    spread(smear, view, bodies, slopes)
-    if cut(faces, box, view, bodies, reach, slopes, with_error(least + slack, w[MAGNITUDE])):
+    spread(scratch, bodies, slopes)
+    if cut(scratch, box, bodies, reach, slopes, with_error(least + slack, w[MAGNITUDE])):
         return RULED_OUT
     return UNDECIDED
 
 
 @kernel(inlined=True)
-def _cut_ray(
-    faces: np.ndarray,
-    smear: np.ndarray,
-    box: np.ndarray,
-    view: np.ndarray,
-    bodies: tuple[int, int],
-    row: np.ndarray,
-    w: np.ndarray,
-) -> int:
+def _cut_ray(scratch: Scratch, box: np.ndarray, bodies: Bodies, row: np.ndarray) -> int:
     """Cut off the poses whose target is outside the cone about the measured ray."""
+    view, w = scratch.views, scratch.w
     by_a = row[OBSERVER] == BY_A
     observer = bodies[0] if by_a else bodies[1]
     sign = 1.0 if by_a else -1.0
@@ -284,7 +271,7 @@ def _cut_ray(
         cy -= row[RAY_SINE] * row[RAY + 1]
         cz = row[RAY_COSINE] * (a * row[ACROSS + 2] + b * row[UPRIGHT + 2])
         cz -= row[RAY_SINE] * row[RAY + 2]
-        state = _cut_side(faces, smear, box, view, bodies, row, w, cx, cy, cz)
+        state = _cut_side(scratch, box, bodies, row, cx, cy, cz)
         if state == RULED_OUT:
             return RULED_OUT
         if state == UNDECIDED:
@@ -305,21 +292,14 @@ def _bent(norm: float, stray: float) -> float:
 
 
 @kernel(inlined=True)
-def _cut_difference(
-    faces: np.ndarray,
-    smear: np.ndarray,
-    box: np.ndarray,
-    view: np.ndarray,
-    bodies: tuple[int, int],
-    row: np.ndarray,
-    w: np.ndarray,
-) -> int:
+def _cut_difference(scratch: Scratch, box: np.ndarray, bodies: Bodies, row: np.ndarray) -> int:
     """
     Cut off the poses whose difference of two distances is outside its bounds.
 
     With unit vectors u and v to the target and to the reference at the center of the box, it is
     u.(vector to the target) - v.(vector to the reference), up to `_bent`.
     """
+    view, w = scratch.views, scratch.w
     by_a = row[HEARD_BY] == BY_A
     observer, far = bodies if by_a else (bodies[1], bodies[0])
     sign = 1.0 if by_a else -1.0
@@ -334,7 +314,7 @@ def _cut_difference(
     vz = sign * w[W + 2] + row[REFERENCE + 2] - row[target + 2]
     norm, reference = w[NORM], math.sqrt(vx * vx + vy * vy + vz * vz)
     if not (_SHORTEST < norm < LONGEST and _SHORTEST < reference < LONGEST):
-        spread(smear, view, bodies, (1.0, 1.0, 1.0, row[A_RADIUS], row[B_RADIUS]))
+        spread(scratch, bodies, (1.0, 1.0, 1.0, row[A_RADIUS], row[B_RADIUS]))
         return UNDECIDED
     ux, uy, uz = sign * w[W] / norm, sign * w[W + 1] / norm, sign * w[W + 2] / norm
     vx, vy, vz = vx / reference, vy / reference, vz / reference
@@ -365,20 +345,20 @@ def _cut_difference(
     if never_above and along - reach - below - bent_reference >= least - data:
         return SETTLED
     if w[BALL] < norm and ball < reference:
-        spread(smear, view, bodies, slopes)
+        spread(scratch, bodies, slopes)
     else:
-        spread(smear, view, bodies, (1.0, 1.0, 1.0, row[A_RADIUS], row[B_RADIUS]))
+        spread(scratch, bodies, (1.0, 1.0, 1.0, row[A_RADIUS], row[B_RADIUS]))
     room = with_error(most - along + below + bent_reference, w[MAGNITUDE] + abs(most))
-    if cut(faces, box, view, bodies, reach, slopes, room):
+    if cut(scratch, box, bodies, reach, slopes, room):
         return RULED_OUT
     sx, sy, sz, slope_a, slope_b = slopes
     slopes = (-sx, -sy, -sz, -slope_a, -slope_b)
     room = with_error(along - least + above + bent, w[MAGNITUDE] + abs(least))
-    return RULED_OUT if cut(faces, box, view, bodies, reach, slopes, room) else UNDECIDED
+    return RULED_OUT if cut(scratch, box, bodies, reach, slopes, room) else UNDECIDED
 
 
 @kernel(inlined=True)
-def place_ends(view: np.ndarray, bodies: tuple[int, int], row: np.ndarray, w: np.ndarray) -> None:
+def place_ends(view: np.ndarray, bodies: Bodies, row: np.ndarray, w: np.ndarray) -> None:
     """Write the vector w at the center of the box, with its parts and bounds."""
     a, b = view[bodies[0]], view[bodies[1]]
     w[TURNED_A] = a[COSINE] * row[A] - a[SINE] * row[A + 1]
@@ -395,34 +375,27 @@ def place_ends(view: np.ndarray, bodies: tuple[int, int], row: np.ndarray, w: np
 
 
 @kernel(borrows=True)
-def cut_box(
-    faces: np.ndarray,
-    smear: np.ndarray,
-    w: np.ndarray,
-    box: np.ndarray,
-    view: np.ndarray,
-    row: np.ndarray,
-) -> int:
+def cut_box(scratch: Scratch, box: np.ndarray, row: np.ndarray) -> int:
     """
-    Cut a box by one reading; return UNDECIDED, SETTLED or RULED_OUT.
+    Cut a viewed box by one reading; return UNDECIDED, SETTLED or RULED_OUT.
 
-    Writes the faces of the remaining box to `faces` (2, 4 n), and raises `smear` (4 n) to the
-    change of the reading along each axis of the box, in m. `w` (W_SIZE) is scratch space.
+    Writes the faces of the remaining box, and raises the smear if the reading is undecided.
     """
+    faces, w = scratch.faces, scratch.w
     for axis in range(box.shape[1]):
         faces[LOW, axis], faces[HIGH, axis] = box[LOW, axis], box[HIGH, axis]
     bodies = (int(row[A_BODY]), int(row[B_BODY]))
-    place_ends(view, bodies, row, w)
+    place_ends(scratch.views, bodies, row, w)
     if not w[MAGNITUDE] < LONGEST:
         return UNDECIDED
     result = SETTLED
     if row[NEAREST] > 0.0 or row[FARTHEST] < math.inf:
-        result = _cut_distance(faces, smear, box, view, bodies, row, w)
+        result = _cut_distance(scratch, box, bodies, row)
     if row[OBSERVER] != NO_RAY and result != RULED_OUT:
-        state = _cut_ray(faces, smear, box, view, bodies, row, w)
+        state = _cut_ray(scratch, box, bodies, row)
         result = state if state != SETTLED else result
     if row[HEARD_BY] != NO_RAY and result != RULED_OUT:
-        state = _cut_difference(faces, smear, box, view, bodies, row, w)
+        state = _cut_difference(scratch, box, bodies, row)
         result = state if state != SETTLED else result
     for axis in range(box.shape[1]):
         if faces[LOW, axis] > faces[HIGH, axis]:

@@ -14,6 +14,7 @@ rounding.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,6 +32,19 @@ UNDECIDED, SETTLED, RULED_OUT = 0, 1, 2
 CENTER, HALF = 0, 4
 COSINE, SINE, RADIUS, SIZE = 8, 9, 10, 11
 VIEW = 12
+
+Bodies = tuple[int, int]
+Slopes = tuple[float, float, float, float, float]
+"""Those of x, y, z, and of the yaws of both bodies."""
+
+
+class Scratch(NamedTuple):
+    """Arrays to write to while readings cut a box of n bodies."""
+
+    views: np.ndarray  # (n + 1, VIEW): the bodies, and the frame, from the center of the box
+    faces: np.ndarray  # (2, 4 n): the faces that a reading leaves
+    smear: np.ndarray  # (4 n,): the greatest change of a reading along each axis, in m
+    w: np.ndarray  # (W_SIZE,): the vector of a reading (`cuts`)
 
 
 @kernel
@@ -81,15 +95,10 @@ def _cut_face(
 
 @kernel(inlined=True)
 def cut(
-    faces: np.ndarray,
-    box: np.ndarray,
-    view: np.ndarray,
-    bodies: tuple[int, int],
-    reach: float,
-    slopes: tuple[float, float, float, float, float],
-    room: float,
+    scratch: Scratch, box: np.ndarray, bodies: Bodies, reach: float, slopes: Slopes, room: float
 ) -> bool:
     """Cut off the poses outside a half-space with `room`; return whether none is left."""
+    view, faces = scratch.views, scratch.faces
     if room < -reach:
         return True
     if room < reach:
@@ -110,9 +119,7 @@ def cut(
 
 
 @kernel(inlined=True)
-def reach_of(
-    view: np.ndarray, bodies: tuple[int, int], slopes: tuple[float, float, float, float, float]
-) -> float:
+def reach_of(view: np.ndarray, bodies: Bodies, slopes: Slopes) -> float:
     """Bound the absolute value of the left side of a half-space over the box."""
     a, b = bodies
     x, y, z, yaw_a, yaw_b = slopes
@@ -127,13 +134,9 @@ def reach_of(
 
 
 @kernel(inlined=True)
-def spread(
-    smear: np.ndarray,
-    view: np.ndarray,
-    bodies: tuple[int, int],
-    slopes: tuple[float, float, float, float, float],
-) -> None:
+def spread(scratch: Scratch, bodies: Bodies, slopes: Slopes) -> None:
     """Raise `smear` to the change of an undecided reading along each axis of the box."""
+    view, smear = scratch.views, scratch.smear
     x, y, z, yaw_a, yaw_b = slopes
     for end in range(2):
         body = bodies[end]

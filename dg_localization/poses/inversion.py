@@ -27,6 +27,7 @@ from dg_localization.poses.half_spaces import (
     SETTLED,
     VIEW,
     YAW,
+    Scratch,
     view_box,
 )
 
@@ -69,7 +70,8 @@ def _read_all(
     undecided: np.ndarray,
     most: int,
     spare: np.ndarray,
-    work: tuple,
+    scratch: Scratch,
+    tops: np.ndarray,
 ) -> tuple[int, int]:
     """
     Try the first `most` of the listed readings on a box; `spare` more of a group may rule it out.
@@ -77,15 +79,14 @@ def _read_all(
     Lowers `spare`, and writes the undecided readings and those not tried to `undecided`. Returns
     their number, and the group of which too many rule the box out, or -1.
     """
-    view, faces, smear, w, tops = work
-    view_box(box, view)
-    smear[:] = 0.0
+    view_box(box, scratch.views)
+    scratch.smear[:] = 0.0
     tops[:] = -math.inf
     count = 0
     tried = min(most, listed.shape[0])
     for position in range(tried):
         index = listed[position]
-        state = cut_box(faces, smear, w, box, view, table[index])
+        state = cut_box(scratch, box, table[index])
         group = int(table[index, GROUP])
         if state == RULED_OUT:
             spare[group] -= 1
@@ -94,7 +95,7 @@ def _read_all(
         elif state != SETTLED:
             undecided[count] = index
             count += 1
-            _record(tops[group], faces, box)
+            _record(tops[group], scratch.faces, box)
     for position in range(tried, listed.shape[0]):
         undecided[count] = listed[position]
         count += 1
@@ -170,7 +171,7 @@ def examine(
     axes, groups = boxes.shape[2], guilty.shape[0]
     view, faces = np.empty((axes // 4 + 1, VIEW)), np.empty((2, axes))
     tops = np.empty((groups, 2, axes, max_outliers + 1))
-    work = (view, faces, np.empty(axes), np.empty(W_SIZE), tops)
+    scratch = Scratch(view, faces, np.empty(axes), np.empty(W_SIZE))
     spare = np.empty(groups, np.int64)
     shrunk = SHRUNK_MUCH if axes == 4 else SHRUNK_JOINTLY
     following, listed, done = 0, 0, 0
@@ -184,7 +185,7 @@ def examine(
         untried = max(0, count - most)
         undecided = next_pool[listed : listed + count]
         count, group = _read_all(
-            box, table, pool[first : first + count], undecided, most, spare, work
+            box, table, pool[first : first + count], undecided, most, spare, scratch, tops
         )
         share = 0.0
         if group < 0:
@@ -192,7 +193,7 @@ def examine(
         if group >= 0:
             guilty[group] += 1
             continue
-        axis, change = _split_axis(box, view, work[2])
+        axis, change = _split_axis(box, view, scratch.smear)
         middle = 0.5 * box[LOW, axis] + 0.5 * box[HIGH, axis]
         small = change <= resolution_m or not box[LOW, axis] < middle < box[HIGH, axis]
         again = untried > 0 or share < shrunk

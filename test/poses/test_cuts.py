@@ -10,17 +10,16 @@ import pytest
 from dg_localization.interval.arrays import Interval
 from dg_localization.poses import PairReadings, cover_poses
 from dg_localization.poses.cuts import W_SIZE, cut_box
-from dg_localization.poses.half_spaces import HIGH, LOW, RULED_OUT, VIEW, view_box
+from dg_localization.poses.half_spaces import HIGH, LOW, RULED_OUT, VIEW, Scratch, view_box
 
 SAMPLES = 200
 
 
 def cut(box, row):
     """Return what one reading says of a box, and what it leaves of it."""
-    view, faces = np.empty((2, VIEW)), np.empty((2, 4))
-    view_box(box, view)
-    state = cut_box(faces, np.zeros(4), np.empty(W_SIZE), box, view, row)
-    return state, faces
+    scratch = Scratch(np.empty((2, VIEW)), np.empty((2, 4)), np.zeros(4), np.empty(W_SIZE))
+    view_box(box, scratch.views)
+    return cut_box(scratch, box, row), scratch.faces
 
 
 def random_reading(rng, kind, space):
