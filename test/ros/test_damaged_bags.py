@@ -227,7 +227,7 @@ def _sql(statement: str) -> Damage:
 
 def _execute(statement: str, bag: Path) -> None:
     with sqlite3.connect(storage_of(bag)) as base:
-        # The constraints of the recorder are none of whoever damages a file.
+        # Damage does not respect the constraints of the recorder.
         base.execute('PRAGMA writable_schema = ON')
         base.execute("UPDATE sqlite_master SET sql = replace(sql, 'NOT NULL', '')")
     with sqlite3.connect(storage_of(bag)) as base:

@@ -68,6 +68,7 @@ def test_example_with_ids_names_observer_and_target():
     [
         (None, "'no_such_adapter' cannot be imported .ModuleNotFoundError: .* PYTHONPATH"),
         ('1 / 0', 'ZeroDivisionError: division by zero'),
+        ("raise SystemExit('done')", 'SystemExit: done'),
         ('import no_such_driver', "No module named 'no_such_driver'"),
     ],
 )

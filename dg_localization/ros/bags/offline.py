@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The work of the node without the node: in the time of a bag, into another bag.
+The work of the node on the messages of a bag, in the time of the bag, into another bag.
 
 The output is an .mcap, written by the package rosbags: equal messages give equal bytes.
 """

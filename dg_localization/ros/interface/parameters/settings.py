@@ -188,7 +188,7 @@ def _import_adapters(modules: Iterable[str]) -> None:
     for name in filter(None, modules):
         try:
             import_module(name)
-        except Exception as error:  # the module of a user may raise anything
+        except (Exception, SystemExit) as error:  # the module of a user may raise anything
             raise WrongParameterError(
                 f"parameter 'adapter_modules': '{name}' cannot be imported "
                 f'({type(error).__name__}: {error}) from PYTHONPATH'
