@@ -128,7 +128,7 @@ LOOKS = {
     'enclosures': (Shape.LINE_LIST, LINE_WIDTH_M),
     'links': (Shape.LINE_LIST, LINE_WIDTH_M),
 }
-Group = tuple[NDArray[np.float64], NDArray[np.float64]]
+Objects = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Objects of m points each, shape (k, m, 3), and one color for all or one for each."""
 
 
@@ -148,17 +148,17 @@ def scene(estimate: Estimate, frame_id: str, lifetime_s: float) -> MarkerScene:
     drawn = {link: pair for link, pair in ends.items() if min(pair) >= 0}
     pairs = np.reshape([*drawn.values()], (-1, 2)).astype(int)
     link_colors = np.reshape([_link_color(link) for link in drawn], (-1, 4))
-    groups: dict[str, list[Group]] = {name: [] for name in LOOKS}
+    drawn_as: dict[str, list[Objects]] = {name: [] for name in LOOKS}
     for number, placement in enumerate(estimate.placements):
         color, points_m = _color(number), _points(placement)
         robots_m, landmarks_m = np.split(points_m, [len(estimate.robots)])
         tips_m = HEADING_LENGTH_M * rotation_of_quaternion(placement.best_headings[0])[:, :, 0]
         tips_m[~placement.heading_known] = np.nan
-        groups['robots'] += [(robots_m[:, None], color), (landmarks_m[:, None], LANDMARK_RGBA)]
-        groups['headings'].append((np.stack([robots_m, robots_m + tips_m], axis=1), color))
-        groups['enclosures'].append((in_space(_edges(placement.enclosure_m)), color))
-        groups['links'].append((points_m[pairs], link_colors))
-    markers = [*(_marker(name, groups[name]) for name in LOOKS), *_names(estimate)]
+        drawn_as['robots'] += [(robots_m[:, None], color), (landmarks_m[:, None], LANDMARK_RGBA)]
+        drawn_as['headings'].append((np.stack([robots_m, robots_m + tips_m], axis=1), color))
+        drawn_as['enclosures'].append((in_space(_edges(placement.enclosure_m)), color))
+        drawn_as['links'].append((points_m[pairs], link_colors))
+    markers = [*(_marker(name, drawn_as[name]) for name in LOOKS), *_names(estimate)]
     shown = tuple(marker for marker in markers if len(marker.points_m))
     return MarkerScene(estimate.stamp_s, frame_id, shown, lifetime_s)
 
@@ -172,14 +172,14 @@ def _points(placement: Placement) -> NDArray[np.float64]:
     return in_space(np.concatenate([placement.positions_m, placement.landmarks_m]))
 
 
-def _marker(namespace: str, groups: list[Group]) -> Marker:
-    """Join the known objects of groups to one marker."""
+def _marker(namespace: str, parts: list[Objects]) -> Marker:
+    """Join all known objects to one marker."""
     points_m, colors = [np.zeros((0, 3))], [np.zeros((0, 4))]
-    for things_m, color in groups:
-        is_known = np.isfinite(things_m).all(axis=(1, 2))
-        points_m.append(things_m[is_known].reshape(-1, 3))
-        of_things = np.broadcast_to(color, (len(things_m), 4))[is_known]
-        colors.append(np.repeat(of_things, things_m.shape[1], axis=0))
+    for objects_m, color in parts:
+        is_known = np.isfinite(objects_m).all(axis=(1, 2))
+        points_m.append(objects_m[is_known].reshape(-1, 3))
+        of_objects = np.broadcast_to(color, (len(objects_m), 4))[is_known]
+        colors.append(np.repeat(of_objects, objects_m.shape[1], axis=0))
     shape, size_m = LOOKS[namespace]
     return Marker(namespace, 0, shape, np.concatenate(points_m), np.concatenate(colors), size_m)
 
