@@ -1174,8 +1174,8 @@ FLEET = [
         ('test/fleet/test_contradictions.py',),
         (
             'the first readings of a fleet are trusted where some may be wrong',
-            'return Recollection(snapshot, allowance, pose_sets=pose_sets, replaced=replaced)',
-            'return Recollection(snapshot, allowance, pose_sets=pose_sets)',
+            'return Recollection(snapshot, budget, clock, pose_sets=pose_sets, replaced=replaced)',
+            'return Recollection(snapshot, budget, clock, pose_sets=pose_sets)',
         ),
     ),
     *_in(

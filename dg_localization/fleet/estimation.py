@@ -72,10 +72,10 @@ def estimate_snapshot(
     # Without a measurement of now, the odometry of a robot that has a set must be young.
     if not snapshot.keys and not any(map(snapshot.odometry_is_young, recalled.carried_robots)):
         return _without_data(snapshot, recalled.forgotten), ()
-    in_window = suspects_in_window(snapshot, recalled.pose_sets, recalled.allowance.part(2))
+    in_window = suspects_in_window(snapshot, recalled.pose_sets, recalled.budget.has_passed(0.5))
     recalled_s = time.perf_counter()
     # The solver comes next; it has its own time limit.
-    recalled.allowance.pause()
+    recalled.clock.pause()
     remembered = recalled.pose_sets.distances(snapshot)
     constraints = constrain(snapshot, recalled.replaced, remembered)
     options = _solver_options(snapshot, recalled)
@@ -137,12 +137,12 @@ def _contradiction_of_moment(
     snapshot: Snapshot, recalled: Recollection, cancel: Cancel | None
 ) -> Estimate | None:
     """Return the explained contradiction between readings of now; None if they agree."""
-    recalled.allowance.pause()
+    recalled.clock.pause()
     constraints = constrain(snapshot)
     found, _ = _solve(snapshot, constraints, snapshot.solver, cancel=cancel)
     if found.verdict is Verdict.INFEASIBLE:
         return _explained(snapshot, constraints, found.statistics, cancel)
-    recalled.allowance.resume()
+    recalled.clock.resume()
     return None
 
 

@@ -82,7 +82,7 @@ NO_POSE_SETS = PoseSets()
 
 def place_robots(
     snapshot: Snapshot,
-    time_of: Callable[[int], Callable[[], bool]],
+    share_of_time: Callable[[float], Callable[[], bool]],
     newest_s: float,
     earlier: EarlierSets,
 ) -> tuple[PoseSets, tuple[Forgotten, ...]]:
@@ -91,9 +91,9 @@ def place_robots(
 
     Two robots that observed each other get a pose set in three cases: no measurement of now
     connects them; they are the whole fleet and there are no anchors; or outliers are tolerated, so
-    that no single reading can be trusted, and not both robots are placed. `time_of` divides the
-    remaining time by a number of sets. Observations of robots that are apart count for `newest_s`;
-    `earlier` sets are carried to now.
+    that no single reading can be trusted, and not both robots are placed. `share_of_time` gives
+    each set a share of the remaining time. Observations of robots that are apart count for
+    `newest_s`; `earlier` sets are carried to now.
     """
     carried = snapshot.carried
     anchored = bool(snapshot.anchors.cores)
@@ -114,7 +114,7 @@ def place_robots(
     in_doubt: set[int] = set()
     loose: set[Pair] = set()
     for number, pair in enumerate(pairs):
-        stopped = time_of(len(pairs) - number)
+        stopped = share_of_time(1.0 / (len(pairs) - number))
         placed = pair[0] != WORLD and all((WORLD, robot) in covers for robot in pair)
         if not in_doubt.isdisjoint(pair) or (placed and pair not in apart):
             continue

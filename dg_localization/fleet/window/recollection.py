@@ -42,6 +42,7 @@ from dg_localization.fleet.window.shape_headings import (
 )
 from dg_localization.poses import PairOptions, PairReadings
 from dg_localization.solver.options import Cancel
+from dg_localization.solver.search.budget import Budget
 
 PROVED_CONTRADICTS = 'what an earlier estimate proved contradicts what is measured now'
 CONTRADICTS_NOW = 'what was measured before contradicts what is measured now'
@@ -73,39 +74,30 @@ none of them is the answer yet."""
 Refit = Callable[[FramePlan, Placement], Placement]
 
 
-class Allowance:
+class BusyClock:
     """
-    A span of processor time of this thread, starting now, to be divided among tasks.
+    The processor time of this thread, and at least a third of the time on the wall; can be paused.
 
-    Time on the clock would also count the work of other threads. `cancel` ends the span when set.
+    Time on the wall would also count the work of other threads.
     """
 
-    def __init__(self, seconds: float, cancel: Cancel | None) -> None:
-        self._cancel = cancel
-        self._left_s, self._left_on_clock_s = seconds, MOST_LATE * seconds
+    def __init__(self) -> None:
+        self._before_s = 0.0
         self.resume()
 
+    def __call__(self) -> float:
+        """Return the time so far, in s."""
+        on_wall_s = time.monotonic() - self._on_wall_s
+        return self._before_s + max(time.thread_time() - self._busy_s, on_wall_s / MOST_LATE)
+
     def pause(self) -> None:
-        """Stop counting time until `resume`."""
-        self._left_s = max(0.0, self._end_s - time.thread_time())
-        self._left_on_clock_s = max(0.0, self._end_on_clock_s - time.monotonic())
+        """Count no time until `resume`."""
+        self._before_s = self()
+        self.resume()
 
     def resume(self) -> None:
-        """Continue counting after `pause`."""
-        self._end_s = time.thread_time() + self._left_s
-        self._end_on_clock_s = time.monotonic() + self._left_on_clock_s
-
-    def part(self, tasks: int) -> Callable[[], bool]:
-        """Return a function that says whether an equal part of the rest for a task is used up."""
-        now_s = time.thread_time()
-        end_s = now_s + max(0.0, self._end_s - now_s) / tasks
-
-        def stopped() -> bool:
-            cancelled = self._cancel is not None and self._cancel.is_set()
-            late = time.monotonic() > self._end_on_clock_s
-            return cancelled or late or time.thread_time() > end_s
-
-        return stopped
+        """Count time from now on."""
+        self._busy_s, self._on_wall_s = time.thread_time(), time.monotonic()
 
 
 @dataclass(frozen=True)
@@ -117,7 +109,9 @@ class Recollection:
     ----------
     snapshot : Snapshot
         Without the observations that contradict each other.
-    allowance : Allowance
+    budget : Budget
+        The time for the window, on `clock`.
+    clock : BusyClock
     readings : mapping of (int, int) to PairReadings
         The observations between pairs of robots.
     spans_s : mapping of (int, int) to float
@@ -141,7 +135,8 @@ class Recollection:
     """
 
     snapshot: Snapshot
-    allowance: Allowance
+    budget: Budget
+    clock: BusyClock
     readings: Mapping[Pair, PairReadings] = field(default_factory=dict)
     spans_s: Mapping[Pair, float] = field(default_factory=dict)
     pose_sets: PoseSets = NO_POSE_SETS
@@ -184,7 +179,7 @@ class Recollection:
         If a chain of estimates begins, half of the remaining time is kept for it.
         """
         config, sets = self.snapshot.config, self.pose_sets
-        stopped = self.allowance.part(2 if chain and self.begins else 1)
+        stopped = self.budget.has_passed(0.5 if chain and self.begins else 1.0)
 
         def narrow(options: PairOptions, placement: Placement) -> Placement | str:
             if config.dimension == 3:
@@ -230,18 +225,19 @@ def recall(
     In space only robots with upright odometry are placed, among anchors or relative to each other.
     """
     config, carried = snapshot.config, snapshot.carried
-    allowance = Allowance(config.memory_max_seconds, cancel)
+    clock, limits = BusyClock(), config.solver.limited(1, config.memory_max_seconds, 0.0)
+    budget = Budget(limits, cancel, clock=clock)
     # The first reading of a pair may be an outlier, too.
     tolerates = config.window_outliers > 0 and config.memory_s > 0.0
     replaced = carried.links_among(snapshot.keys) if tolerates else frozenset()
     any_upright = any(map(config.is_upright, config.robots))
     if not any_upright or not (snapshot.window.observations or proved or earlier.pairs):
         pose_sets = PoseSets(of_moment=place_by_moment(snapshot, ()))
-        return Recollection(snapshot, allowance, pose_sets=pose_sets, replaced=replaced)
-    if allowance.part(1)():
+        return Recollection(snapshot, budget, clock, pose_sets=pose_sets, replaced=replaced)
+    if budget.is_over():
         proved = ()
     newest_s = config.memory_s * WINDOW_SHARE
-    pose_sets, forgotten = place_robots(snapshot, allowance.part, newest_s, earlier)
+    pose_sets, forgotten = place_robots(snapshot, budget.has_passed, newest_s, earlier)
     spans_s = {pair: carried.span_s(pair) for pair in earlier.pairs.union(carried.tables)}
     snapshot = without(snapshot, forgotten)
     carried, doubtful = snapshot.carried, earlier.doubts.robots
@@ -249,7 +245,8 @@ def recall(
     of_moment = place_by_moment(snapshot, pose_sets.covers.keys() | doubtful)
     recalled = Recollection(
         snapshot,
-        allowance,
+        budget,
+        clock,
         spans_s=spans_s,
         pose_sets=replace(pose_sets, of_moment=of_moment),
         replaced=replaced,
@@ -308,7 +305,7 @@ def narrow_answer(found: Answer, recalled: Recollection, refit: Refit) -> Narrow
     """
     if recalled.empty:
         return NarrowedAnswer(found, (), recalled.forgotten)
-    recalled.allowance.resume()
+    recalled.clock.resume()
     # The last part is the published one: it is narrowed before the separate groups.
     parts = [
         (part, recalled.narrow(part.placements, part.plan.frame, recalled.chain))
@@ -319,7 +316,7 @@ def narrow_answer(found: Answer, recalled: Recollection, refit: Refit) -> Narrow
     if any(len(part.placements) < part.n_hypotheses for part in emptied):
         return NarrowedAnswer(found, (), recalled.forgotten)
     if emptied and recalled.chain:
-        recalled.allowance.pause()
+        recalled.clock.pause()
         forgotten = recalled.forgetting(frozenset(), PROVED_CONTRADICTS)
         alone = replace(recalled, chain=None, waiting=(), begins=True, forgotten=forgotten)
         return narrow_answer(found, alone, refit)
