@@ -158,7 +158,7 @@ def test_tables_as_people_have_them_are_read(triangle_bag, localize, tmp_path, n
 def test_trajectories_of_tum_are_read_one_of_each_robot(triangle_bag, localize, tmp_path):
     for robot, (x, y) in PLACES.items():
         rows = [f'{t:.3f} {x} {y} 0 0 0 0 1' for t, r in ROWS if r == robot]
-        (tmp_path / f'{robot}.tum').write_text('\n'.join(['# a remark', *rows]))
+        (tmp_path / f'{robot}.tum').write_text('\n'.join(['# a remark', '#', *rows]))
     code, report = localize(triangle_bag, '--truth', tmp_path / '{robot}.tum')
     assert code == 0 and report['truth']['compared'] == 10
     assert localize(triangle_bag, '--truth', tmp_path / 'a.tum') == (2, None)

@@ -222,8 +222,9 @@ def read_columns(path: Path) -> tuple[Sequence[str], list[tuple[int, dict[str, s
         if mark == ';':
             # With another separator, commas may be decimal points.
             cells = [cell.replace(',', '.') for cell in cells]
+        is_data = cells and NUMBER.match(cells[0])
         # A comment may name the columns, as in files in TUM format.
-        if not rows and not is_named and not NUMBER.match(cells[0]):
+        if not rows and not is_named and not is_data:
             names = [_column(cell) for cell in cells]
             is_named = line[0] != '#'
         elif line[0] != '#':
