@@ -534,8 +534,8 @@ FLEET = [
         ),
         (
             'only the observer moves',
-            'return sum_up(first_m, second_m) if first_m or second_m else 0.0',
-            'return first_m',
+            'return sum_up(*moves_m) if any(moves_m) else 0.0',
+            'return moves_m[0]',
         ),
     ),
     *_in(

@@ -172,15 +172,12 @@ def take_snapshot(
         lower_m, upper_m = 0.0, math.inf
         measured = [reading for reading in readings if isinstance(reading, DistanceReading)]
         if measured and not key.reference:
-            distance = _distance_at(now_s, key, measured, displacement_m)
-            in_space_m = _in_space_m(now_s, measured, displacement_m, motion)
-            if in_space_m[0] > in_space_m[1]:
-                distance = replace(distance, lower_m=in_space_m[0], upper_m=in_space_m[1])
+            distance = _distance_at(now_s, key, measured, displacement_m, motion)
             lower_m, upper_m = distance.lower_m, distance.upper_m
             distances.append(distance)
         elif readings and isinstance(readings[-1], RayReading):
             ray = readings[-1]
-            moved_m = _displacement_of_ends_m(key, ray.stamp_s, displacement_m)
+            moved_m = _sum_up_m([displacement_m(end, ray.stamp_s) for end in key.ends])
             rays.append(replace(ray, displacement_m=moved_m))
         age_s = now_s - store.newest_stamp_s(key)
         contradicts = bool(all_young) and not readings
@@ -208,13 +205,27 @@ def take_snapshot(
 
 
 def _distance_at(
-    now_s: float, key: LinkKey, readings: list[DistanceReading], displacement_m: Displacement
+    now_s: float,
+    key: LinkKey,
+    readings: list[DistanceReading],
+    displacement_m: Displacement,
+    motion: Motion,
 ) -> DistanceReading:
-    """Return the intersection of all readings of a link, each widened by the motion since."""
-    lower_m, upper_m = 0.0, math.inf
+    """
+    Return the intersection of all readings of a link, each widened by the motion since.
+
+    Readings may contradict each other in space only: in the plane a wide rise hides it.
+    """
+    lower_m, upper_m, lower_in_space_m, upper_in_space_m = 0.0, math.inf, 0.0, math.inf
     likeliest_m, total_weight = 0.0, 0.0
     for reading in readings:
-        moved_m = _displacement_of_ends_m(key, reading.stamp_s, displacement_m)
+        moves_m = [displacement_m(end, reading.stamp_s) for end in key.ends]
+        moved_m = _sum_up_m(moves_m)
+        if reading.in_space_m is not None:
+            climbs_m = [motion.by_speed_m(end, reading.stamp_s, now_s) for end in key.ends]
+            off_m, (least_m, most_m) = sum_up(*moves_m, *climbs_m), reading.in_space_m
+            lower_in_space_m = max(lower_in_space_m, sum_down(least_m, -off_m))
+            upper_in_space_m = min(upper_in_space_m, sum_up(most_m, off_m))
         if reading.upper_m < max(0.0, reading.lower_m):
             # The reading is empty: no distance gives it, whatever the motion since.
             moved_m = 0.0
@@ -227,30 +238,11 @@ def _distance_at(
             likeliest_m += weight * reading.likeliest_m
             total_weight += weight
     likeliest_m = likeliest_m / total_weight if total_weight else math.nan
+    if lower_in_space_m > upper_in_space_m:
+        lower_m, upper_m = lower_in_space_m, upper_in_space_m
     return DistanceReading(key, now_s, lower_m, upper_m, likeliest_m)
 
 
-def _in_space_m(
-    now_s: float, readings: list[DistanceReading], displacement_m: Displacement, motion: Motion
-) -> tuple[float, float]:
-    """
-    Return bounds of the distance in space from which a distance in the plane was made.
-
-    Readings may contradict each other in space only: in the plane a wide rise hides it.
-    """
-    lower_m, upper_m = 0.0, math.inf
-    for reading in readings:
-        if reading.in_space_m is not None:
-            ends, stamp_s = reading.key.ends, reading.stamp_s
-            in_plane_m = [displacement_m(point, stamp_s) for point in ends]
-            climbs_m = [motion.by_speed_m(point, stamp_s, now_s) for point in ends]
-            moved_m = sum_up(*in_plane_m, *climbs_m)
-            lower_m = max(lower_m, sum_down(reading.in_space_m[0], -moved_m))
-            upper_m = min(upper_m, sum_up(reading.in_space_m[1], moved_m))
-    return lower_m, upper_m
-
-
-def _displacement_of_ends_m(key: LinkKey, stamp_s: float, displacement_m: Displacement) -> float:
-    """Return a bound of the displacement of both ends of a link together since `stamp_s`."""
-    first_m, second_m = displacement_m(key.observer, stamp_s), displacement_m(key.target, stamp_s)
-    return sum_up(first_m, second_m) if first_m or second_m else 0.0
+def _sum_up_m(moves_m: list[float]) -> float:
+    """Return an upper bound of the sum of displacements; zero if there are none."""
+    return sum_up(*moves_m) if any(moves_m) else 0.0

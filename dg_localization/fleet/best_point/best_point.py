@@ -13,7 +13,7 @@ between them that agrees is returned.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
 from typing import NamedTuple
 
@@ -288,7 +288,7 @@ def _covariances(terms: Terms, fit: Fit, spread: FloatArray | None, n_points: in
     if curved.max(initial=0.0) > SLIGHT:
         widened = terms._replace(weights=terms.weights / np.hypot(1.0, curved))
         matrix, _ = equations_at(widened, fit, robust=spread is not None)
-        joint = _joint_covariance(replace(fit, matrix=matrix), excess, n_points)
+        joint = _joint_covariance(fit._replace(matrix=matrix), excess, n_points)
     return np.asarray(joint[rows[:, :, None], rows[:, None, :]])
 
 

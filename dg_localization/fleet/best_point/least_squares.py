@@ -11,6 +11,7 @@ is an estimate.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,8 +88,7 @@ class Bodies:
         return pushed[self.free]
 
 
-@dataclass(frozen=True)
-class Fit:
+class Fit(NamedTuple):
     """
     The result of a fit.
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +35,7 @@ SHORTEST_PROJECTION = 1e-6
 """A unit vector whose horizontal part is shorter than this has no direction in the plane."""
 
 
-@dataclass(frozen=True)
-class Angles:
+class Angles(NamedTuple):
     """
     Angles under which observers see pairs of points.
 
@@ -77,12 +77,9 @@ class Angles:
     def joined(cls, parts: Iterable[Angles]) -> Angles:
         """Return the angles of all observers, without angles that bound nothing."""
         nothing = cls(np.empty((0, 3), dtype=np.int64), np.empty(0), np.empty(0))
-        every = [nothing, *parts]
-        widths = np.concatenate([part.half_widths_rad for part in every])
-        corners = np.concatenate([part.corners for part in every])
-        angles = np.concatenate([part.angles_rad for part in every])
-        known = widths < math.pi
-        return cls(corners[known], angles[known], widths[known])
+        whole = cls._make(map(np.concatenate, zip(nothing, *parts, strict=True)))
+        known = whole.half_widths_rad < math.pi
+        return cls._make(column[known] for column in whole)
 
     def chiralities(self) -> Iterator[Chirality]:
         """Yield the chirality of an observer in the plane with two targets, where certain."""
