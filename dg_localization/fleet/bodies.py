@@ -10,9 +10,8 @@ The anchors are the body of the world. Their geometry never changes and is compu
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,8 +37,7 @@ MOST_COMPARED = 24
 """Most anchors of which all sets are compared: 10,626 sets of four in space."""
 
 
-@dataclass(frozen=True)
-class AnchorGeometry:
+class AnchorGeometry(NamedTuple):
     """
     The anchors of a fleet, by index into its points.
 
@@ -84,7 +82,7 @@ def anchor_geometry(config: FleetConfig) -> AnchorGeometry:
     centers = np.array([anchor.coordinates_m for anchor in config.anchors.values()])
     bounds_m = np.array([anchor.bound_m for anchor in config.anchors.values()])
     distances = squared_distances(rows, centers, bounds_m.tolist())
-    return replace(_geometry(rows, boxes_around(centers, bounds_m[:, None])), distances=distances)
+    return _geometry(rows, boxes_around(centers, bounds_m[:, None]))._replace(distances=distances)
 
 
 def boxes_around(centers_m: FloatArray, bounds_m: FloatArray) -> Interval:

@@ -12,8 +12,7 @@ angle at the sensor and, where certain, a chirality; the places of two sensors g
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,8 +27,7 @@ from dg_localization.interval.bounds import quotient_up, sqrt_down, sqrt_up, sum
 from dg_localization.poses import PairReadings
 
 
-@dataclass(frozen=True)
-class MountGeometry:
+class MountGeometry(NamedTuple):
     """
     The sensors of all robots.
 

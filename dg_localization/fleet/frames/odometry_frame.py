@@ -15,8 +15,9 @@ unknown turns widen their bounds, and points are rotated to fit their earlier po
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,8 +53,7 @@ before it is taken up after one was left."""
 _RANKS = {FrameKind.ROBOTS: 0, FrameKind.HEADING: 1, FrameKind.ODOMETRY: 2}
 
 
-@dataclass(frozen=True)
-class BodyPose:
+class BodyPose(NamedTuple):
     """
     The pose of a robot in its odometry frame at the time of an estimate.
 
@@ -75,8 +75,7 @@ class BodyPose:
     error_rad: float
 
 
-@dataclass(frozen=True)
-class FrameTurn:
+class FrameTurn(NamedTuple):
     """
     The rotation from the frame of a placement to the odometry frame.
 

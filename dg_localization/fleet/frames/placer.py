@@ -248,4 +248,4 @@ def _without_idle(
     geometry = next((one for one in geometries if one.chiralities), anchors)
     busy |= geometry.spanning
     points = tuple(point for point in plan.points if point in busy)
-    return replace(plan, points=points, cores=geometry.cores), geometry.chiralities
+    return plan._replace(points=points, cores=geometry.cores), geometry.chiralities

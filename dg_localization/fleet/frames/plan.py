@@ -6,9 +6,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import combinations
 import math
+from typing import NamedTuple
 
 from dg_localization.fleet.bodies import MAX_CORES
 from dg_localization.fleet.config import FleetConfig
@@ -19,8 +19,7 @@ from dg_localization.fleet.snapshot import Snapshot
 from dg_localization.interval.arrays import Interval
 
 
-@dataclass(frozen=True)
-class FramePlan:
+class FramePlan(NamedTuple):
     """
     The points connected to the fixed frame, and the cores that give them coordinates.
 
@@ -51,8 +50,7 @@ class FramePlan:
         return {row_of[point]: box for point, box in boxes.items() if point in row_of}
 
 
-@dataclass(frozen=True)
-class Plans:
+class Plans(NamedTuple):
     """
     The frames of a fleet.
 

@@ -11,8 +11,8 @@ between the two.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +27,7 @@ from dg_localization.interval.arrays import Interval, cross, normalized, rotate
 FloatArray = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class CorePose:
+class CorePose(NamedTuple):
     """
     The axes and the origin of a core in the fixed frame.
 
@@ -50,8 +49,7 @@ class CorePose:
         return turned if self.origin is None else turned + self.origin[None, :]
 
 
-@dataclass(frozen=True)
-class Registration:
+class Registration(NamedTuple):
     """
     The fixed frame relative to the solved points.
 
