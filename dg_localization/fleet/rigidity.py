@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +22,7 @@ MOST_REMEDIES = 8
 """Most measurements that are proposed."""
 
 
-@dataclass(frozen=True)
-class Remedy:
+class Remedy(NamedTuple):
     """
     A measurement that would join two pieces.
 
@@ -125,8 +125,7 @@ def _freedoms(n_points: int, dimension: int) -> int:
     return n_spanning * dimension - n_spanning * (n_spanning - 1) // 2
 
 
-@dataclass(frozen=True)
-class _Joined:
+class _Joined(NamedTuple):
     """Two pieces and the joint between them."""
 
     names: Sequence[str]

@@ -13,7 +13,6 @@ between them that agrees is returned.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 import math
 from typing import NamedTuple
 
@@ -66,8 +65,7 @@ SLIGHT = 0.1
 """A further error below this, in half widths, widens a covariance by at most 1 %."""
 
 
-@dataclass(frozen=True)
-class BestPoint:
+class BestPoint(NamedTuple):
     """
     A placement, and how it was chosen.
 

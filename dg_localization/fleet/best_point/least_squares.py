@@ -10,7 +10,6 @@ is an estimate.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -43,8 +42,7 @@ VECTOR_PRODUCT = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2).reshape(
 """A vector times this is its cross-product matrix, row by row."""
 
 
-@dataclass(frozen=True)
-class Bodies:
+class Bodies(NamedTuple):
     """
     Poses of bodies, with bounds.
 
@@ -76,7 +74,7 @@ class Bodies:
         rotations = self.rotations
         if self.free[:, 3:].any():
             rotations = _small_rotations(moves[:, 3:]) @ rotations
-        return replace(self, positions_m=positions_m, rotations=rotations)
+        return self._replace(positions_m=positions_m, rotations=rotations)
 
     def is_pushed_out(self, gradient: FloatArray) -> BoolArray:
         """Return which free coordinates are at a bound that a descent step would cross."""

@@ -13,7 +13,6 @@ error of the odometry is shared by all bodies before it.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 import math
 from typing import NamedTuple
 
@@ -99,8 +98,7 @@ class Misfit(NamedTuple):
     most: float
 
 
-@dataclass(frozen=True, eq=False)
-class Past:
+class Past(NamedTuple):
     """
     Past poses of robots, and the readings taken there.
 
@@ -375,7 +373,7 @@ def _laid_on_map(
     for turn in rotations_about_z(np.array(START_YAWS_RAD if yaw_rad is None else [yaw_rad])):
         rotations = start.rotations.copy()
         rotations[way.row] = turn
-        turned.append(replace(start, rotations=rotations))
+        turned.append(start._replace(rotations=rotations))
     own = readings.where((readings.bodies == way.row).any(axis=1))
     if not len(own.bodies):
         return None if yaw_rad is None else turned[0]
@@ -383,11 +381,11 @@ def _laid_on_map(
     terms = Terms.joined(_packed(own, _ends(own, [way]))).variant(0)
     free = np.zeros_like(start.free)
     free[way.row, [0, 1, 5]] = True
-    fits = [fit_terms(terms, replace(one, free=free), robust=True) for one in turned]
+    fits = [fit_terms(terms, one._replace(free=free), robust=True) for one in turned]
     best = min(fits, key=lambda fit: fit.cost)
     rotation = best.bodies.rotations[way.row]
     for fit in fits:
         apart_rad = rotation_angle_rad(rotation.T @ fit.bodies.rotations[way.row])
         if apart_rad > SAME_RAD and fit.cost < best.cost + DOUBTFUL_COST:
             return None
-    return replace(best.bodies, free=start.free)
+    return best.bodies._replace(free=start.free)

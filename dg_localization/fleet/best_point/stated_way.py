@@ -12,8 +12,9 @@ odometry: a fit of the remaining window would lose information that the earlier 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -190,8 +191,7 @@ def seen_from(origins: FloatArray, poses: FloatArray) -> FloatArray:
     return np.stack([c * dx + s * dy, c * dy - s * dx, turn], axis=-1)
 
 
-@dataclass(frozen=True, eq=False)
-class LikelyPose:
+class LikelyPose(NamedTuple):
     """
     The likeliest pose of a robot in the plane among the anchors at a time.
 

@@ -15,11 +15,11 @@ halves (Junker, QuickXplain, 2004).
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
 from enum import IntEnum
 from itertools import combinations
 import time
 from types import MappingProxyType
+from typing import NamedTuple
 
 from dg_localization.fleet.contradictions.suspects import Suspect, Suspects
 from dg_localization.solver.options import Cancel
@@ -42,8 +42,7 @@ Contradicts = Callable[[Suspects, Effort], bool]
 """Returns whether observations contradict each other; true is a proof."""
 
 
-@dataclass(frozen=True)
-class Limits:
+class Limits(NamedTuple):
     """
     Limits of a search.
 
@@ -66,8 +65,7 @@ class Limits:
     cancel: Cancel | None = None
 
 
-@dataclass(frozen=True)
-class Explanation:
+class Explanation(NamedTuple):
     """
     Why observations contradict each other.
 

@@ -191,7 +191,7 @@ class Corrected(NamedTuple):
         corrections = self.explanation.corrections
         rows = [row for row, dropped in enumerate(corrections) if dropped not in wrong]
         return Corrected(
-            replace(self.explanation, corrections=tuple(corrections[row] for row in rows)),
+            self.explanation._replace(corrections=tuple(corrections[row] for row in rows)),
             [self.plans[row] for row in rows] or self.plans,
             [self.answers[row] for row in rows],
         )
@@ -225,7 +225,7 @@ def corrected(
         explanation = search(refuted | unsure)
         every = unsure.union(explanation.corrections)
         ordered = sorted(every, key=lambda dropped: (len(dropped), sorted(dropped)))
-        explanation = replace(explanation, corrections=tuple(ordered))
+        explanation = explanation._replace(corrections=tuple(ordered))
         found = _with_answers(snapshot, constraints, observed, explanation, cancel)
         if not found.answers:
             return found
@@ -238,7 +238,7 @@ def corrected(
             return found.without(wrong)
         refuted |= smaller & wrong
         unsure = (unsure | doubtful) - refuted
-    stopped = replace(explanation, corrections=(), searched=0, stopped=True)
+    stopped = explanation._replace(corrections=(), searched=0, stopped=True)
     return Corrected(stopped, found.plans, [])
 
 

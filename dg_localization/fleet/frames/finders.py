@@ -92,7 +92,7 @@ def fit_with_past(
         return placement
     in_past = frozenset(key for key in snapshot.keys if key.ends in past.ends)
     beside = Terms.of([*_terms_of(snapshot, solved, plan, in_past)])
-    past = replace(past, terms=Terms.joined([beside, past.terms]))
+    past = past._replace(terms=Terms.joined([beside, past.terms]))
     best = finder.find(places_m[points], enclosure, among, past)
     is_another = among and not (best.proved or _within(among, best.positions_m))
     if is_another or math.isinf(best.cost):
