@@ -29,12 +29,7 @@ from dg_localization.solver.problem import Problem, Side, SideConstraint
 from dg_localization.solver.result import Joint
 from dg_localization.solver.search.budget import Budget
 from dg_localization.solver.search.search import contracted, smoothed
-from dg_localization.solver.subproblem import (
-    MOST_WORK_TOGETHER,
-    Bounds,
-    bounds_within,
-    restricted,
-)
+from dg_localization.solver.subproblem import Bounds, bounds_within, restricted
 
 
 def _orthogonal(rng: np.random.Generator, dimension: int) -> FloatArray:
@@ -194,11 +189,6 @@ class Assembly:
     def __getstate__(self) -> dict[str, object]:
         """Return the state to pickle, without functions that read the clock of the call."""
         return vars(self) | {'_linker': None}
-
-    @cached_property
-    def is_small(self) -> bool:
-        """Whether few enough combinations remain to contract all points for each."""
-        return self.combinations.number * self.problem.n_points**3 <= MOST_WORK_TOGETHER
 
     @cached_property
     def hull(self) -> Bounds | None:

@@ -103,7 +103,7 @@ class Combinations:
 
     def __init__(self, n_hypotheses: list[int], network: Network) -> None:
         self.left = [set(range(number)) for number in n_hypotheses]
-        self.sites, self.links = network.sites, network.links
+        self.sites = network.sites
         self._sites_of: list[list[int]] = [[] for _ in self.left]
         for site in network.sites:
             for piece in site.members:

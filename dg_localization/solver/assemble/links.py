@@ -57,7 +57,6 @@ class Linker:
         within: Sequence[Bounds] | None,
     ) -> None:
         self._problem = problem
-        self._q = problem.dimension
         self._within = within
         self._pieces = solved.pieces
         self._budget = budget

@@ -90,11 +90,9 @@ def solve_large(
         return Search(problem, [], [])
     answers = PatchAnswers(problem, solved, within, budget)
     most = budget.options.max_hypotheses
-    if not is_whole:
-        return Search(problem, [], [], answers.hypotheses(most), solved)
-    boxes = answers.boxes(most)
+    boxes = answers.boxes(most) if is_whole else []
     is_done = solved.is_one_body and solved.is_complete()
-    if is_done and len(boxes) * problem.n_points**3 > MOST_WORK:
+    if not is_whole or (is_done and len(boxes) * problem.n_points**3 > MOST_WORK):
         return Search(problem, [], [], answers.hypotheses(most), solved)
     budget.go_on_from(solved.n_boxes() - solved.n_pending())
     if not is_done:

@@ -33,6 +33,7 @@ from dg_localization.solver.search.budget import Budget
 from dg_localization.solver.subproblem import (
     MOST_CONTRACTED,
     MOST_WORK,
+    MOST_WORK_TOGETHER,
     Bounds,
     as_box,
     parts_within,
@@ -181,14 +182,15 @@ class Product:
         """
         found: list[FloatArray] = []
         of: list[Combination] = []
-        is_small = self._assembly.is_small
+        # If there are many, two linked pieces at a time are contracted.
+        in_twos = self.combinations.number * self._problem.n_points**3 > MOST_WORK_TOGETHER
         if self.combinations.number > self._options.max_hypotheses:
             hull = self._assembly.hull
             first = next(self.combinations.listed(lambda _: True), None)
             listed = [(first, hull)] if first and hull else []
         else:
             every = self.combinations.listed(lambda _: True)
-            bounds_of = partial(self._assembly.bounds, budget=self._budget, in_twos=not is_small)
+            bounds_of = partial(self._assembly.bounds, budget=self._budget, in_twos=in_twos)
             listed = [(c, bounds) for c in every if (bounds := bounds_of(c))]
         for combination, bounds in listed:
             for part in parts_within([bounds], self._within):

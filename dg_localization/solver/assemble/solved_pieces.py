@@ -13,6 +13,7 @@ import numpy as np
 
 from dg_localization.solver.box import UPPER, FloatArray
 from dg_localization.solver.decompose.graph import Pair, Points
+from dg_localization.solver.decompose.rigid_components import joined_bodies
 from dg_localization.solver.patches.answers import ChainedHypothesis
 from dg_localization.solver.patches.chains import ChainGraph
 from dg_localization.solver.patches.solver import SolvedPatches
@@ -32,10 +33,6 @@ class Search:
     pending: list[FloatArray]
     found: Sequence[Hypothesis] | None = None  # hypotheses of the cover, once gathered
     patches: SolvedPatches | None = None  # set if patches are the answer instead of a cover
-
-    def pending_keys(self) -> set[bytes]:
-        """Return the bounds of the boxes that were not examined."""
-        return {box[: UPPER + 1].tobytes() for box in self.pending}
 
     def gather(self, budget: Budget) -> Sequence[Hypothesis]:
         """Return the hypotheses of the cover."""
@@ -81,7 +78,8 @@ class SolvedPiece:
         """Return the number of boxes of some hypotheses, and of those not examined."""
         if not self.was_examined:
             return 1, 1
-        keys = {key for search in self.searches for key in search.pending_keys()}
+        # The bounds of the boxes that were not examined.
+        keys = {box[: UPPER + 1].tobytes() for search in self.searches for box in search.pending}
         in_patches = [search.patches for search in self.searches if search.patches]
         if in_patches:
             # Another choice of given ranges may have been searched as a whole.
@@ -119,11 +117,8 @@ class SolvedPieces:
 
     def n_groups(self) -> int:
         """Return the number of groups of pieces that joints connect."""
-        group = list(range(len(self.pieces)))
-        for joint in self.joints:
-            together = {group[piece] for piece in joint.pieces}
-            group = [min(together) if number in together else number for number in group]
-        return len(set(group))
+        alone = ((number,) for number in range(len(self.pieces)))
+        return len(joined_bodies([*alone, *(joint.pieces for joint in self.joints)], 1))
 
 
 def unexamined(problem: Problem, points: Points, within: Sequence[Bounds] | None) -> SolvedPiece:

@@ -64,6 +64,7 @@ def _remembered(n_points: int, listed: bytes, dimension: int) -> Decomposition:
     measured = {(i, j) for i, j in pairs.tolist()}
     components = rigid_components(n_points, pairs, dimension)
     implied = _shared_pairs(components) - measured if dimension == 3 else set()
+    known = np.concatenate([pairs, _as_array(implied)])
     parts: list[Points] = []
     joints: list[_Joint] = []
     first_part = []
@@ -73,11 +74,7 @@ def _remembered(n_points: int, listed: bytes, dimension: int) -> Decomposition:
             parts.append(component)
             continue
         points = np.array(component)
-        inside = set(component)
-        more = [(i, j) for i, j in implied if i in inside and j in inside]
-        inner = np.concatenate(
-            [restricted_pairs(n_points, some, points) for some in (pairs, _as_array(more))]
-        )
+        inner = restricted_pairs(n_points, known, points)
         split, separators = _split(len(points), inner, dimension)
         for separator, sharing in separators:
             face = tuple(sorted(points[separator].tolist()))
@@ -168,9 +165,9 @@ def _ordered(
 
     def is_ready(part: int) -> bool:
         points = np.array(parts[part])
-        implied = [(i, j) for i, j in pairs_of(parts[part]) if (i, j) in known]
-        both = [restricted_pairs(n_points, some, points) for some in (pairs, _as_array(implied))]
-        return is_rigid(len(points), np.concatenate(both), dimension)
+        implied = _as_array(pair for pair in pairs_of(parts[part]) if pair in known)
+        inner = restricted_pairs(n_points, np.concatenate([pairs, implied]), points)
+        return is_rigid(len(points), inner, dimension)
 
     while waiting:
         joints_of: dict[int, list[_Joint]] = defaultdict(list)

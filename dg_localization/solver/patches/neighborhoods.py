@@ -10,6 +10,7 @@ answer but not its soundness: any set of points may be solved as a problem of it
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Sequence
 
 import numpy as np
@@ -71,12 +72,7 @@ class Neighborhoods:
         """Return the largest rigid part of points that holds the wanted ones, or nothing."""
         ordered = sorted(points)
         local = {point: x for x, point in enumerate(ordered)}
-        inner = [
-            (local[i], local[j])
-            for i in ordered
-            for j in self.neighbors[i]
-            if i < j and j in local
-        ]
+        inner = [(local[i], local[j]) for i, j in self.pairs_among(ordered)]
         pairs = np.array(inner, dtype=np.int64).reshape(-1, 2)
         parts = rigid_components(len(ordered), pairs, self._dimension)
         needed = {local[point] for point in wanted}
@@ -113,7 +109,7 @@ class Neighborhoods:
                 point = before[point]
         return on_paths
 
-    def pairs_among(self, points: Points) -> list[Pair]:
+    def pairs_among(self, points: Sequence[int]) -> list[Pair]:
         """Return the known pairs among some points."""
         inside = set(points)
         return [(i, j) for i in points for j in self.neighbors[i] & inside if i < j]
@@ -129,20 +125,14 @@ def covering_patches(
     """Return patches that cover every known pair, or those found before the time is over."""
     patches: list[Points] = []
     covered: set[Pair] = set()
-    for seed in dict.fromkeys(seeds):
-        if stopped():
-            return patches
-        if any(set(seed).issubset(patch) for patch in patches):
+    for wanted in dict.fromkeys((*seeds, *pairs)):
+        is_seed = len(wanted) > 2
+        if wanted in covered or (is_seed and any({*wanted} <= {*patch} for patch in patches)):
             continue
-        patch = graph.rigid_part(graph.grown(seed, most), seed)
+        if stopped():
+            break
+        patch = graph.rigid_part(graph.grown(wanted, most), wanted)
         if patch:
-            patches.append(patch)
-            covered.update(graph.pairs_among(patch))
-    for pair in pairs:
-        if pair not in covered:
-            if stopped():
-                return patches
-            patch = graph.rigid_part(graph.grown(pair, most), pair)
             patches.append(patch)
             covered.update(graph.pairs_among(patch))
     return patches
@@ -161,11 +151,8 @@ def seam_patches(
     they form a small problem of the same kind. If some of these distances are not known yet,
     patches within the bodies come first to find them.
     """
-    n_points = len(known.neighbors)
-    n_bodies = np.zeros(n_points, dtype=np.int64)
-    for body in bodies:
-        n_bodies[list(body)] += 1
-    shared = set(np.flatnonzero(n_bodies > 1).tolist())
+    n_bodies = Counter(point for body in bodies for point in body)
+    shared = {point for point, n in n_bodies.items() if n > 1}
     pairs: dict[Pair, None] = {}
     for body in bodies:
         for point in sorted(body & shared):
@@ -173,7 +160,7 @@ def seam_patches(
                 return []
             near = known.within_hops(point, body, SEAM_HOPS) & shared
             pairs.update(dict.fromkeys((point, other) for other in near if other > point))
-    graph = Neighborhoods(n_points, pairs, dimension)
+    graph = Neighborhoods(len(known.neighbors), pairs, dimension)
     found = []
     for patch in covering_patches(graph, list(pairs), (), SEAM_POINTS, stopped):
         if stopped():

@@ -21,6 +21,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from itertools import islice
+from typing import NamedTuple
 
 import numpy as np
 
@@ -51,8 +52,7 @@ LOOK_S = 0.02
 """Time to wait for a task before checking whether the call was cancelled."""
 
 
-@dataclass(frozen=True)
-class Subproblem:
+class Subproblem(NamedTuple):
     """A part of a problem."""
 
     problem: Problem | None  # None if its bounds contradict each other
@@ -60,8 +60,7 @@ class Subproblem:
     all_or_nothing: bool = False  # whether an incomplete cover is of no use
 
 
-@dataclass(frozen=True)
-class SolvedSubproblem:
+class SolvedSubproblem(NamedTuple):
     """The cover of a part, its effort, and its hypotheses."""
 
     cover: Paving[FloatArray]

@@ -266,32 +266,29 @@ def contracted(
         if left is None or not smooth(left):
             return None
         box = left
-    return _common_hull((box[LOWER].copy(), box[UPPER].copy()), within)
+    return _common_hull(box, within)
 
 
 def smoothed(problem: Problem, within: Sequence[Bounds] | None = None) -> Bounds | None:
     """Bound all pairs by chains of known ones; None proves that there is no placement."""
-    bounds = _smoothed(problem.lower, problem.upper)
-    return _common_hull(bounds, within) if bounds else None
+    box = as_box((problem.lower, problem.upper))
+    return _common_hull(box, within) if smooth(box) else None
 
 
-def _common_hull(bounds: Bounds, within: Sequence[Bounds] | None) -> Bounds | None:
-    """Return the hull of the intersections of bounds with boxes; None if all are empty."""
+def _common_hull(box: FloatArray, within: Sequence[Bounds] | None) -> Bounds | None:
+    """Return the hull of the intersections of a box with others; None if all are empty."""
+    hull = box[LOWER].copy(), box[UPPER].copy()
     if within is None:
-        return bounds
-    left = parts_within([bounds], within)
+        return hull
+    left = parts_within([hull], within)
     if not left:
         return None
-    lower = np.min([low for low, _ in left], axis=0)
-    upper = np.max([high for _, high in left], axis=0)
-    if len(lower) > MOST_DENSE:
-        return lower, upper
-    hull = _smoothed(lower, upper)
+    hull = np.min([low for low, _ in left], axis=0), np.max([high for _, high in left], axis=0)
+    if box.shape[1] > MOST_DENSE:
+        return hull
+    box = as_box(hull)
+    if not smooth(box):
+        return None
+    hull = box[LOWER].copy(), box[UPPER].copy()
     # The triangle inequalities may leave only space between the boxes.
-    return hull if hull and parts_within([hull], within) else None
-
-
-def _smoothed(lower: FloatArray, upper: FloatArray) -> Bounds | None:
-    """Return bounds that meet all triangle inequalities; None if no distances do."""
-    box = as_box((lower, upper))
-    return (box[LOWER].copy(), box[UPPER].copy()) if smooth(box) else None
+    return hull if parts_within([hull], within) else None
