@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import math
 import time
 from typing import NamedTuple
@@ -56,8 +56,7 @@ class Part(NamedTuple):
         return tuple(config.robots[point] for point in points if point < len(config.robots))
 
 
-@dataclass(frozen=True)
-class Answer:
+class Answer(NamedTuple):
     """
     The solution for one choice of links.
 
@@ -90,7 +89,7 @@ class Answer:
         """Return the answer with other parts in place of its own."""
         count = len(self.groups)
         main = None if self.main is None else parts[-1]
-        return replace(self, groups=tuple(parts[:count]), main=main)
+        return self._replace(groups=tuple(parts[:count]), main=main)
 
 
 def worst_of(verdicts: Collection[Verdict]) -> Verdict:

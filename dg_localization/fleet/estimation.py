@@ -99,7 +99,7 @@ def estimate_snapshot(
     narrowed = narrow_answer(found, recalled, refit)
     found_now, main = narrowed.answer, found.main
     if found_now is found and main is not None and len(main.placements) == 1:
-        found_now = replace(found, main=main.leaving((refit(main.plan, main.placements[0]),)))
+        found_now = found._replace(main=main.leaving((refit(main.plan, main.placements[0]),)))
     if snapshot.config.memory_s > 0.0:
         found_now = _with_likely_poses(snapshot, found_now, earlier)
     estimate = _answered(snapshot, found_now, [plans])
@@ -130,7 +130,7 @@ def _with_likely_poses(snapshot: Snapshot, found: Answer, earlier: EarlierSets) 
     if main.plan.frame.kind is not FrameKind.ANCHORS:
         return found
     placement, earlier.likely = carried_on(snapshot, main.placements[0], kept)
-    return replace(found, main=main.leaving((placement,)))
+    return found._replace(main=main.leaving((placement,)))
 
 
 def _contradiction_of_moment(
@@ -225,16 +225,11 @@ def _answered(
 
     The plans belong to alternatives; all have the same frame, or none.
     """
-    config, main = snapshot.config, found.main
+    config, main, most = snapshot.config, found.main, snapshot.config.max_hypotheses
     apart: dict[str, Any] = {
         'groups': tuple(
-            Group(
-                group.robots(config),
-                group.plan.frame,
-                group.placements[: config.max_hypotheses],
-                group.n_hypotheses,
-            )
-            for group in found.groups
+            Group(one.robots(config), one.plan.frame, one.placements[:most], one.n_hypotheses)
+            for one in found.groups
         ),
         'rigid_groups': found.rigidity.pieces,
         'would_fix': would_fix(config, found),
@@ -247,7 +242,7 @@ def _answered(
         found.verdict,
         _reason(snapshot, found, main, plans),
         conflicts,
-        placements=main.placements[: config.max_hypotheses],
+        placements=main.placements[:most],
         n_hypotheses=main.n_hypotheses,
         statistics=found.statistics,
         frame=main.plan.frame,

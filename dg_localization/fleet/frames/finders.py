@@ -194,8 +194,7 @@ def _terms_of(
             (first, first_arm_m), (second, second_arm_m) = end(key.observer), end(key.target)
             half_width_m = 0.5 * (reading.upper_m - reading.lower_m)
             value = (reading.likeliest_m, 0.0, 0.0)
-            if first != second:
-                yield Term(RANGE, first, second, value, half_width_m, first_arm_m, second_arm_m)
+            yield Term(RANGE, first, second, value, half_width_m, first_arm_m, second_arm_m)
     for observer, rays in solved.rays.items():
         for ray in rays:
             (row, arm_m), (target, target_arm_m) = end(observer), end(ray.key.target)
