@@ -244,8 +244,7 @@ def _answer_group(
     number = len(placements) + n_unseen * placer.most_images
     part = Part(plan, tuple(placements[:most_placements]), number)
     names = [snapshot.config.points[point] for point in placer.points]
-    measured = None
-    if not constraints.all_measured:
-        measured = constraints.measured[np.ix_(placer.points, placer.points)]
+    among = np.ix_(placer.points, placer.points)
+    measured = None if constraints.all_measured else constraints.measured[among]
     rigidity = rigidity_of(names, result, snapshot.config.dimension, all_listed, measured)
     return Answer(verdict, result.statistics, (part,), rigidity=rigidity)

@@ -83,8 +83,7 @@ def _as_float(value: object) -> float:
 def require_coordinates(name: str, values: object) -> tuple[float, ...]:
     """Return coordinates in m as floats; raise `ConfigError` on one beyond `FARTHEST_M`."""
     listed = require_members(name, values, 'numbers')
-    most_m = FARTHEST_M
-    return tuple(require_number(name, v, at_least=-most_m, at_most=most_m) for v in listed)
+    return tuple(require_number(name, v, at_least=-FARTHEST_M, at_most=FARTHEST_M) for v in listed)
 
 
 def require_integer(name: str, value: object, *, at_least: float) -> int:

@@ -72,7 +72,7 @@ class Encloser:
         self._solved = solved
         self._cosines = solved.angles.cosines()
         self._registration = registration
-        self._poses = registration.poses()
+        self._poses = {core: registration.pose_of(core) for core in registration.cores}
         self._core = registration.cores[0]
         self._rigid = _rigid_with(self._core, solved)
         short = len(self._core) < solved.dimension

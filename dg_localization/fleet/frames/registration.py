@@ -75,11 +75,7 @@ class Registration(NamedTuple):
         rays = self.solved.rays.get(self.solved.points[self.cores[0][0]], ())
         return {self.solved.rows[ray.key.target]: ray for ray in rays}
 
-    def poses(self) -> dict[tuple[int, ...], CorePose]:
-        """Return the bounds of the pose of each core."""
-        return {core: self._pose_of(core) for core in self.cores}
-
-    def _pose_of(self, core: tuple[int, ...]) -> CorePose:
+    def pose_of(self, core: tuple[int, ...]) -> CorePose:
         """Return the bounds of the pose of a core."""
         if self.kind == FrameKind.ANCHORS:
             origin, *others = (self.anchors[point] for point in core)
