@@ -41,50 +41,6 @@ CLOSED_WIDTH = 1.05
 """A pair is finished below this ratio of its width to the width its linear program explains."""
 
 
-class _Frames:
-    """The unexplained pairs of a box, and the widths that linear programs explained so far."""
-
-    def __init__(self, box: FloatArray, pairs: IntArray) -> None:
-        self._box = box
-        self._pairs = pairs
-        self._explained = np.zeros(len(pairs))
-        self._was_axis = np.zeros(len(pairs), dtype=np.bool_)
-
-    def next_frame(self) -> IntArray | None:
-        """Return the indices of the pairs for the next frame, its axis first; None at the end."""
-        width = self._widths()
-        ratios = np.full(len(width), np.inf)
-        np.divide(width, self._explained, out=ratios, where=self._explained > 0.0)
-        is_open = ratios > CLOSED_WIDTH
-        candidates = np.flatnonzero(is_open & ~self._was_axis)
-        if not len(candidates):
-            return None
-        axis = candidates[np.lexsort((width[candidates], ratios[candidates]))[-1]]
-        self._was_axis[axis] = True
-        meets = np.isin(self._pairs, self._pairs[axis]).any(axis=1)
-        others = np.flatnonzero(is_open & meets)
-        return np.concatenate([[axis], others[others != axis]])
-
-    def narrow(
-        self, contractor: Contractor, positions: FloatArray, chosen: IntArray
-    ) -> float | None:
-        """Narrow some pairs; return the largest relative gain, or None if the box is empty."""
-        before = self._widths()[chosen]
-        explained = np.zeros(len(chosen))
-        if not contractor.narrow_in_frame(self._box, positions, self._pairs[chosen], explained):
-            return None
-        known = self._explained[chosen]
-        least = np.where(known > 0.0, np.minimum(known, explained), explained)
-        self._explained[chosen] = np.where(explained > 0.0, least, known)
-        gains = np.zeros(len(chosen))
-        np.divide(before - self._widths()[chosen], before, out=gains, where=before > 0.0)
-        return float(gains.max())
-
-    def _widths(self) -> FloatArray:
-        rows, columns = self._pairs.T
-        return np.asarray(self._box[UPPER, rows, columns] - self._box[LOWER, rows, columns])
-
-
 def _unexplained_pairs(problem: Problem, pruned: Pruned) -> IntArray:
     """
     Return the unknown pairs whose width the errors do not explain, widest first.
@@ -112,19 +68,40 @@ def tighten(
     pairs = _unexplained_pairs(contractor.problem, pruned)
     if pruned.status is Status.UNFINISHED or not len(pairs):
         return pruned.box
-    positions = place_problem(contractor.problem, pruned.box)
-    frames = _Frames(pruned.box, pairs)
+    return pruned.box if _narrow_in_frames(contractor, pruned.box, pairs, stopped) else None
+
+
+def _narrow_in_frames(
+    contractor: Contractor, box: FloatArray, pairs: IntArray, stopped: Callable[[], bool]
+) -> bool:
+    """Narrow pairs of a box in frames at the least explained of them; return False if empty."""
+    positions = place_problem(contractor.problem, box)
+    rows, columns = pairs.T
+    width_m2 = box[UPPER, rows, columns] - box[LOWER, rows, columns]
+    explained, was_axis = np.zeros(len(pairs)), np.zeros(len(pairs), dtype=np.bool_)
     n_idle = 0
     with until(stopped):
         while n_idle < MOST_IDLE_TESTS and not stopped():
-            chosen = frames.next_frame()
-            if chosen is None:
+            ratios = np.full(len(pairs), np.inf)
+            np.divide(width_m2, explained, out=ratios, where=explained > 0.0)
+            is_open = ratios > CLOSED_WIDTH
+            candidates = np.flatnonzero(is_open & ~was_axis)
+            if not len(candidates):
                 break
-            gain = frames.narrow(contractor, positions, chosen)
-            if gain is None:
-                return None
-            n_idle = n_idle + 1 if gain < LEAST_GAIN else 0
-    return pruned.box
+            axis = candidates[np.lexsort((width_m2[candidates], ratios[candidates]))[-1]]
+            was_axis[axis] = True
+            others = np.flatnonzero(is_open & np.isin(pairs, pairs[axis]).any(axis=1))
+            chosen = np.concatenate([[axis], others[others != axis]])
+            found = np.zeros(len(chosen))
+            if not contractor.narrow_in_frame(box, positions, pairs[chosen], found):
+                return False
+            known = np.where(explained[chosen] > 0.0, explained[chosen], np.inf)
+            explained[chosen] = np.where(found > 0.0, np.minimum(known, found), explained[chosen])
+            before, gains = width_m2[chosen], np.zeros(len(chosen))
+            width_m2 = box[UPPER, rows, columns] - box[LOWER, rows, columns]
+            np.divide(before - width_m2[chosen], before, out=gains, where=before > 0.0)
+            n_idle = n_idle + 1 if gains.max() < LEAST_GAIN else 0
+    return True
 
 
 def split(pruned: Pruned, resolution_m: float, at_gaps: bool = False) -> list[FloatArray]:
