@@ -121,12 +121,8 @@ class Recollection:
         The links of the moment that the pose sets replace: any of them may be an outlier.
     forgotten : tuple of Forgotten
         The observations that contradict each other.
-    chain : CarriedPlacements, or None
-        The proved placements of the oldest chain of estimates.
-    waiting : tuple of Proved
-        The placements that began a younger chain. The window holds all readings since.
-    begins : bool
-        Whether a chain begins with this estimate.
+    chains : tuple of CarriedPlacements, or None
+        Proved placements of earlier estimates, oldest chain first; None for a chain that begins.
     tilts : mapping of int to Tilt
         Tilts of the robots with pose sets, in space.
     in_doubt : tuple of str
@@ -142,9 +138,7 @@ class Recollection:
     pose_sets: PoseSets = NO_POSE_SETS
     replaced: frozenset[LinkKey] = frozenset()
     forgotten: tuple[Forgotten, ...] = ()
-    chain: CarriedPlacements | None = None
-    waiting: tuple[Proved, ...] = ()
-    begins: bool = True
+    chains: tuple[CarriedPlacements | None, ...] = (None,)
     tilts: Mapping[int, Tilt] = field(default_factory=dict)
     in_doubt: tuple[str, ...] = ()
 
@@ -168,18 +162,18 @@ class Recollection:
     def empty(self) -> bool:
         """Whether nothing here can narrow placements."""
         known = self.readings or self.pose_sets.sets or self.pose_sets.of_moment
-        return not (known or self.chain)
+        return not (known or any(self.chains))
 
     def narrow(
-        self, placements: Sequence[Placement], frame: FixedFrame, chain: CarriedPlacements | None
+        self, placements: Sequence[Placement], frame: FixedFrame, chain: int = 0
     ) -> Remaining:
         """
-        Return the placements of one frame, narrowed by the window and what was proved before.
+        Return the placements of one frame, narrowed by the window and one chain of estimates.
 
-        If a chain of estimates begins, half of the remaining time is kept for it.
+        The later chains keep their shares of the remaining time.
         """
         config, sets = self.snapshot.config, self.pose_sets
-        stopped = self.budget.has_passed(0.5 if chain and self.begins else 1.0)
+        stopped = self.budget.has_passed(1.0 / (len(self.chains) - chain))
 
         def narrow(options: PairOptions, placement: Placement) -> Placement | str:
             if config.dimension == 3:
@@ -191,7 +185,7 @@ class Recollection:
             return found if isinstance(found, Placement) else self._over(found)
 
         coarse = PairOptions(config.window_outliers, JOINT_RESOLUTION_M, COARSE_BOXES)
-        left = _carried_on(placements, frame, chain)
+        left = _carried_on(placements, frame, self.chains[chain])
         sentences = left.ruled_out
         best, others = parted(left.placements, MOST_REFINED)
         if others:
@@ -258,6 +252,7 @@ def recall(
     near = carried.near_pairs(MOST_PARTNERS, newest_s)
     # A chain begins when the youngest one has reached half its life.
     begins_s = snapshot.stamp_s - CHAIN_SHARE * chain_seconds(config)
+    begins = all(one.since_s <= begins_s for one in proved)
     return replace(
         recalled,
         spans_s=spans_s | {pair: carried.span_s(pair, newest_s) for pair in near},
@@ -266,9 +261,10 @@ def recall(
             for pair in near
             if not pose_sets.covers.keys() >= {*pair} and doubtful.isdisjoint(pair)
         },
-        chain=CarriedPlacements(proved[0], snapshot) if proved else None,
-        waiting=tuple(proved[1:]),
-        begins=all(one.since_s <= begins_s for one in proved),
+        chains=(
+            *(CarriedPlacements(one, snapshot) for one in proved),
+            *([None] if begins else []),
+        ),
     )
 
 
@@ -307,18 +303,16 @@ def narrow_answer(found: Answer, recalled: Recollection, refit: Refit) -> Narrow
         return NarrowedAnswer(found, (), recalled.forgotten)
     recalled.clock.resume()
     # The last part is the published one: it is narrowed before the separate groups.
-    parts = [
-        (part, recalled.narrow(part.placements, part.plan.frame, recalled.chain))
-        for part in reversed(found.parts)
-    ]
+    main_first = reversed(found.parts)
+    parts = [(part, recalled.narrow(part.placements, part.plan.frame)) for part in main_first]
     parts.reverse()
     emptied = [part for part, left in parts if part.placements and not left.placements]
     if any(len(part.placements) < part.n_hypotheses for part in emptied):
         return NarrowedAnswer(found, (), recalled.forgotten)
-    if emptied and recalled.chain:
+    if emptied and any(recalled.chains):
         recalled.clock.pause()
         forgotten = recalled.forgetting(frozenset(), PROVED_CONTRADICTS)
-        alone = replace(recalled, chain=None, waiting=(), begins=True, forgotten=forgotten)
+        alone = replace(recalled, chains=(None,), forgotten=forgotten)
         return narrow_answer(found, alone, refit)
     if emptied:
         ends = ends_of(recalled.snapshot.config, recalled.spans_s)
@@ -357,14 +351,11 @@ def _what_is_proved(found: Part, recalled: Recollection, oldest: Remaining) -> I
         return
     if recalled.pose_sets.of_whole_memory:
         return
-    stamp_s, chain = recalled.snapshot.stamp_s, recalled.chain
-    if oldest.placements:
-        yield Proved(oldest.placements, frame, stamp_s, chain.since_s if chain else stamp_s)
-    yield from recalled.waiting
-    if chain and recalled.begins:
-        left = recalled.narrow(listed, frame, None)
+    for chain, carried in enumerate(recalled.chains):
+        left = recalled.narrow(listed, frame, chain) if chain else oldest
         if left.placements:
-            yield Proved(left.placements, frame, stamp_s, stamp_s)
+            since_s = recalled.snapshot.stamp_s if carried is None else carried.since_s
+            yield Proved(left.placements, frame, recalled.snapshot.stamp_s, since_s)
 
 
 def _carried_on(
