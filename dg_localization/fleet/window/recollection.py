@@ -60,6 +60,12 @@ Its partners and the anchors together share the number of observations that one 
 CHAIN_SHARE = 0.5
 """Fraction of the life of a chain of estimates after which the next chain begins."""
 
+CHAIN_STEPS = 30
+"""
+Steps of a chain in its life until it is the oldest. Narrowing it with every estimate takes 1.4
+times as long. With 15, the recording of the tutorial has one hypothesis in 96 answers, not 134.
+"""
+
 JOINT_RESOLUTION_M = 0.05
 COARSE_BOXES, PROGRAM_BOXES = 32, 96
 """
@@ -351,11 +357,16 @@ def _what_is_proved(found: Part, recalled: Recollection, oldest: Remaining) -> I
         return
     if recalled.pose_sets.of_whole_memory:
         return
+    stamp_s = recalled.snapshot.stamp_s
+    step_s = chain_seconds(recalled.snapshot.config) / CHAIN_STEPS
     for chain, carried in enumerate(recalled.chains):
+        if chain and carried and carried.age_s < step_s:
+            yield carried.proved
+            continue
         left = recalled.narrow(listed, frame, chain) if chain else oldest
         if left.placements:
-            since_s = recalled.snapshot.stamp_s if carried is None else carried.since_s
-            yield Proved(left.placements, frame, recalled.snapshot.stamp_s, since_s)
+            since_s = carried.proved.since_s if carried else stamp_s
+            yield Proved(left.placements, frame, stamp_s, since_s)
 
 
 def _carried_on(
