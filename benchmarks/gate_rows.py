@@ -7,6 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from itertools import product
+import json
+from pathlib import Path
+import re
+import subprocess
+import sys
+from tempfile import TemporaryDirectory
 import time
 
 import numpy as np
@@ -222,6 +228,27 @@ def moving(quick: bool) -> Rows:
                 'wide_m': float(np.median(runs.wide_m)),
             },
         )
+
+
+def tutorial(_: bool) -> Rows:
+    """Yield the fraction of the answers of the tutorial with one hypothesis."""
+    docs = Path(__file__).parents[1] / 'docs'
+    page = (docs / 'first_robots.md').read_text()
+    (fleet,) = re.findall(r'`fleet\.yaml`.*?```yaml\n(.*?)```', page, re.DOTALL)[:1]
+    with TemporaryDirectory() as folder:
+        bag, answers_to, fleet_file, report = (
+            f'{folder}/{name}' for name in ('bag', 'answers', 'fleet.yaml', 'report.json')
+        )
+        Path(fleet_file).write_text(fleet)
+        localize = (sys.executable, '-m', 'dg_localization.ros', 'localize_bag')
+        for command in (
+            (sys.executable, f'{docs}/simulate_recording.py', bag),
+            (*localize, bag, '-o', answers_to, '--params', fleet_file, '--report', report),
+        ):
+            subprocess.run(command, check=True, capture_output=True)
+        counts = json.loads(Path(report).read_text())['ticks_by_hypotheses']
+    share = counts.get('1', 0) / sum(counts.values())
+    yield 'one hypothesis', {'short by': max(0.0, 0.6 - share), 'of all': share}
 
 
 def liars_among_landmarks(quick: bool) -> Rows:

@@ -76,6 +76,7 @@ GATES: dict[str, tuple[Callable[[bool], rows.Rows], dict[str, Limit]]] = {
         {'lost': NONE, 'width over limit': Limit(most=1.0), 'point_m': Limit(most=0.13)},
     ),
     'moving': (rows.moving, {'lost': NONE, 'short by': Limit(most=0.0)}),
+    'tutorial': (rows.tutorial, {'short by': Limit(most=0.0)}),
     'liars-landmarks': (rows.liars_among_landmarks, RARE),
     'liars-window': (rows.liars_in_window, RARE),
     'rates': (rows.rates, {'ms': Limit(times=1.1, more=5.0, most=200.0)}),
