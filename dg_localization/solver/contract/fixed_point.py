@@ -205,12 +205,15 @@ class Contractor:
         """
         explained[:] = 0.0
         for points, edges, errors, held_m2 in self._groups:
-            local, of_group = sub_box(box, points), np.zeros((len(points), len(points)))
+            is_whole = len(points) == len(explained)
+            local = box if is_whole else sub_box(box, points)
+            of_group = explained if is_whole else np.zeros((len(points), len(points)))
             reference = place(local, self.problem.dimension, REFERENCE_STEPS)
             if not contract_linear(local, reference, edges, errors, held_m2, of_group):
                 return False
-            explained[points[:, None], points] = of_group
-            box[:, points[:, None], points] = local
+            if not is_whole:
+                explained[points[:, None], points] = of_group
+                box[:, points[:, None], points] = local
         return True
 
     def _sweep_to_fixed_point(self, explained: FloatArray, stopped: Callable[[], bool]) -> Status:
