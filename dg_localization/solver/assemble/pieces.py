@@ -240,6 +240,8 @@ class PieceSolver:
         """Return the ranges of shared pairs that other pieces know far better than measured."""
         choices: list[list[Ranges]] = []
         for joint in self._joints_of[number]:
+            if self._solved.keys().isdisjoint(joint.pieces):
+                continue
             face = pairs_of(joint.points)
             ends = np.array(face, dtype=np.int64).reshape(-1, 2).T
             lower, upper = self._problem.pairs.of(*ends)
