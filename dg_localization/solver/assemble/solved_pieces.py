@@ -64,8 +64,9 @@ class SolvedPiece:
         """Return its points among given ones, with their bounds in one or all hypotheses."""
         members = tuple(point for point in self.points if point in points)
         rows = [self.points.index(point) for point in members]
-        chosen = self.hypotheses if hypothesis is None else [self.hypotheses[hypothesis]]
-        ends = [h.bounds_among(rows) for h in chosen]
+        if hypothesis is not None:
+            return members, self.hypotheses[hypothesis].bounds_among(rows)
+        ends = [h.bounds_among(rows) for h in self.hypotheses]
         lower = np.min([low for low, _ in ends], axis=0)
         return members, (lower, np.max([high for _, high in ends], axis=0))
 

@@ -220,7 +220,7 @@ def first_proved(
 
 def hulls_of(boxes: list[FloatArray]) -> list[tuple[FloatArray, list[int]]]:
     """Return the hulls of the connected components of a cover, in the order of their first box."""
-    if not boxes:
-        return []
+    if len(boxes) < 2:
+        return [(box[: UPPER + 1].copy(), [0]) for box in boxes]
     hulls, members = component_hulls(np.array([box[: UPPER + 1] for box in boxes]))
     return [(hull, some.tolist()) for hull, some in zip(hulls, members, strict=True)]
