@@ -281,7 +281,8 @@ class PatchSolver:
     ) -> Iterator[Patch]:
         """Yield patches across the seams between bodies, and reviews of ambiguous patches."""
         q = self._problem.dimension
-        graph = Neighborhoods(self._problem.n_points, map(tuple, known.pairs.tolist()), q)
+        ends = zip(*known.pairs.T.tolist(), strict=True)
+        graph = Neighborhoods(self._problem.n_points, ends, q)
         seams = [] if self._is_one(bodies) else seam_patches(graph, bodies, q, self._is_over)
         reviews = [
             self._review(patch, graph)
