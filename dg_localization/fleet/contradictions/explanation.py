@@ -147,15 +147,7 @@ def _among(ends: dict, robots: frozenset[str]) -> Suspects:
 
 def observations_of(snapshot: Snapshot) -> Observations:
     """Return the observations of a snapshot that can be wrong, with their sensors and robots."""
-    config = snapshot.config
-    parts: dict[tuple[str, ...], list[LinkKey]] = {}
-    for key in sorted(snapshot.keys):
-        part = key.ends if key.ends in snapshot.detections else (*key.ends, key.kind)
-        parts.setdefault(part, []).append(key)
-    links: dict[Suspect, Links] = {}
-    for keys in parts.values():
-        measures = tuple(key.kind for key in keys)
-        links[Suspect(SuspectKind.OBSERVATION, *keys[0].ends, measures)] = frozenset(keys)
+    config, links = snapshot.config, _links_by_observation(snapshot)
     # All readings of a mounted point belong to one sensor; so do ranges and rays of detections.
     kinds: dict[str, set[LinkKind]] = {}
     for observation in links:
@@ -177,6 +169,19 @@ def observations_of(snapshot: Snapshot) -> Observations:
         {suspect: frozenset(robots[suspect]) for suspect in sorted(robots)},
         frozenset(suspect for suspect in robots if suspect.name in config.anchors),
     )
+
+
+def _links_by_observation(snapshot: Snapshot) -> dict[Suspect, Links]:
+    """Return the observations of a snapshot with their links; a detection has two."""
+    parts: dict[tuple[str, ...], list[LinkKey]] = {}
+    for key in sorted(snapshot.keys):
+        part = key.ends if key.ends in snapshot.detections else (*key.ends, key.kind)
+        parts.setdefault(part, []).append(key)
+    links: dict[Suspect, Links] = {}
+    for keys in parts.values():
+        measures = tuple(key.kind for key in keys)
+        links[Suspect(SuspectKind.OBSERVATION, *keys[0].ends, measures)] = frozenset(keys)
+    return links
 
 
 class Corrected(NamedTuple):

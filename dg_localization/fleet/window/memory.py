@@ -98,7 +98,7 @@ class Observation(NamedTuple):
         )
 
     def is_of_kind(self, reading: DistanceReading | RayReading) -> bool:
-        """Return whether the observation has a distance or a ray as a reading has."""
+        """Return whether the observation has a ray, or for a distance reading a distance."""
         has_ray = self.half_width_rad < NO_RAY_RAD
         if isinstance(reading, RayReading):
             return has_ray

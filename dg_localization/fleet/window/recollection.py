@@ -97,12 +97,12 @@ class BusyClock:
         return self._before_s + max(time.thread_time() - self._busy_s, on_wall_s / MOST_LATE)
 
     def pause(self) -> None:
-        """Count no time until `resume`."""
+        """Keep the time so far; `resume` leaves out what passes from now on."""
         self._before_s = self()
         self.resume()
 
     def resume(self) -> None:
-        """Count time from now on."""
+        """Count on from now."""
         self._busy_s, self._on_wall_s = time.thread_time(), time.monotonic()
 
 

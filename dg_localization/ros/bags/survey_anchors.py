@@ -29,7 +29,7 @@ from dg_localization.ros.executables import (
     print_line,
     print_result,
 )
-from dg_localization.ros.interface.links import ANY_NAME
+from dg_localization.ros.interface.links import ANY_NAME, WANTED_NAME
 from dg_localization.ros.interface.parameters.settings import parameters_text
 from dg_localization.ros.spinning import own_arguments
 
@@ -60,10 +60,7 @@ def survey(
     names = {name: None for observer, target, _ in readings for name in (observer, target)}
     for name in (*names, *anchors):
         if not re.fullmatch(ANY_NAME, name):
-            raise UsageError(
-                f"'{name}' cannot be the name of an anchor: it must begin with a letter and go on "
-                'with letters, digits and underscores'
-            )
+            raise UsageError(f"'{name}' cannot be the name of an anchor: it {WANTED_NAME}")
     try:
         config = FleetConfig(
             robots=tuple(name for name in names if name not in anchors),

@@ -35,6 +35,7 @@ ANY_OBSERVER = '*'
 # Most topics and ids of unknown points that are counted; more if the fleet has more points.
 STRANGERS = 16
 ANY_NAME = '[A-Za-z][A-Za-z0-9_]*'
+WANTED_NAME = 'must begin with a letter and go on with letters, digits and underscores'
 
 # The orientation of the sensor of peers in the body frame of its robot.
 TURNS = ('roll', 'pitch', 'yaw')

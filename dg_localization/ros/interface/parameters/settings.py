@@ -17,7 +17,13 @@ from dg_localization.fleet import Anchor, FleetConfig, Mount, OdometryErrorModel
 from dg_localization.fleet.rotations import quaternion_of_euler
 from dg_localization.ros.interface.discovery import Template, templates_from
 from dg_localization.ros.interface.identities import ids_from
-from dg_localization.ros.interface.links import ANY_NAME, Link, check_links, links_from
+from dg_localization.ros.interface.links import (
+    ANY_NAME,
+    WANTED_NAME,
+    Link,
+    check_links,
+    links_from,
+)
 from dg_localization.ros.interface.parameters.spec import (
     WrongParameterError,
     checked,
@@ -178,10 +184,7 @@ def _check_names(values: Mapping[str, Any]) -> None:
                     raise ValueError(f"'{name}' is not allowed twice, name it once")
                 if not re.fullmatch(form, name):
                     wanted = "it must read 'ROBOT/SENSOR', and " if '/' in form else ''
-                    raise ValueError(
-                        f"'{name}' is not allowed, {wanted}a name must begin with a letter and go "
-                        'on with letters, digits and underscores'
-                    )
+                    raise ValueError(f"'{name}' is not allowed, {wanted}a name {WANTED_NAME}")
 
 
 def _import_adapters(modules: Iterable[str]) -> None:
