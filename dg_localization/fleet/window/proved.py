@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,17 +88,13 @@ class CarriedPlacements:
     """
 
     def __init__(self, proved: Proved, snapshot: Snapshot) -> None:
-        self.proved = proved
+        self._robots = snapshot.config.robots
+        self._frame = proved.frame
+        self.since_s = proved.since_s
         self.age_s = snapshot.stamp_s - proved.stamp_s
-        self._snapshot, self._robots = snapshot, snapshot.config.robots
+        moves = [_move(snapshot, robot, proved.stamp_s) for robot in range(len(self._robots))]
+        self._position, self._yaw = _carried(proved.placements, moves)
         self._seen: dict[FixedFrame, tuple[Interval, Interval]] = {}
-
-    @cached_property
-    def _poses(self) -> tuple[Interval, Interval]:
-        """The carried positions (k, n, 3) and headings (k, n), in the frame of the placements."""
-        robots, stamp_s = range(len(self._robots)), self.proved.stamp_s
-        moves = [_move(self._snapshot, robot, stamp_s) for robot in robots]
-        return _carried(self.proved.placements, moves)
 
     def around(self, placement: Placement, frame: FixedFrame) -> PoseBounds | None:
         """Return the bounds of a placement within the carried ones; None if it continues none."""
@@ -112,13 +107,13 @@ class CarriedPlacements:
 
     def _seen_in(self, frame: FixedFrame) -> bool:
         """Return whether the carried poses can be expressed in a frame of now."""
-        if FrameKind.ANCHORS in (frame.kind, self.proved.frame.kind):
-            return frame.kind is self.proved.frame.kind
+        if FrameKind.ANCHORS in (frame.kind, self._frame.kind):
+            return frame.kind is self._frame.kind
         return all(point in self._robots for point in frame.points)
 
     def _in_frame(self, frame: FixedFrame) -> tuple[Interval, Interval]:
         """Return the carried poses, shapes (k, n, 3) and (k, n), in a frame of now."""
-        position, yaw = self._poses
+        position, yaw = self._position, self._yaw
         if frame.kind is FrameKind.ANCHORS:
             return position, yaw
         origin = self._robots.index(frame.points[0])

@@ -129,6 +129,8 @@ class Recollection:
         The observations that contradict each other.
     chains : tuple of CarriedPlacements, or None
         Proved placements of earlier estimates, oldest chain first; None for a chain that begins.
+    waiting : tuple of Proved
+        The younger chains whose next step is not due.
     tilts : mapping of int to Tilt
         Tilts of the robots with pose sets, in space.
     in_doubt : tuple of str
@@ -145,6 +147,7 @@ class Recollection:
     replaced: frozenset[LinkKey] = frozenset()
     forgotten: tuple[Forgotten, ...] = ()
     chains: tuple[CarriedPlacements | None, ...] = (None,)
+    waiting: tuple[Proved, ...] = ()
     tilts: Mapping[int, Tilt] = field(default_factory=dict)
     in_doubt: tuple[str, ...] = ()
 
@@ -259,6 +262,9 @@ def recall(
     # A chain begins when the youngest one has reached half its life.
     begins_s = snapshot.stamp_s - CHAIN_SHARE * chain_seconds(config)
     begins = all(one.since_s <= begins_s for one in proved)
+    # A younger chain takes a step if its last one was before this time.
+    after_s = snapshot.stamp_s - chain_seconds(config) / CHAIN_STEPS
+    due = (*proved[:1], *(one for one in proved[1:] if one.stamp_s <= after_s))
     return replace(
         recalled,
         spans_s=spans_s | {pair: carried.span_s(pair, newest_s) for pair in near},
@@ -268,9 +274,10 @@ def recall(
             if not pose_sets.covers.keys() >= {*pair} and doubtful.isdisjoint(pair)
         },
         chains=(
-            *(CarriedPlacements(one, snapshot) for one in proved),
+            *(CarriedPlacements(one, snapshot) for one in due),
             *([None] if begins else []),
         ),
+        waiting=tuple(one for one in proved[1:] if one.stamp_s > after_s),
     )
 
 
@@ -318,14 +325,15 @@ def narrow_answer(found: Answer, recalled: Recollection, refit: Refit) -> Narrow
     if emptied and any(recalled.chains):
         recalled.clock.pause()
         forgotten = recalled.forgetting(frozenset(), PROVED_CONTRADICTS)
-        alone = replace(recalled, chains=(None,), forgotten=forgotten)
+        alone = replace(recalled, chains=(None,), waiting=(), forgotten=forgotten)
         return narrow_answer(found, alone, refit)
     if emptied:
         ends = ends_of(recalled.snapshot.config, recalled.spans_s)
         return NarrowedAnswer(found, (), recalled.forgetting(ends, CONTRADICTS_NOW))
     proved: tuple[Proved, ...] = ()
     if found.main is not None:
-        proved = tuple(_what_is_proved(found.main, recalled, parts[-1][1]))
+        chains = _what_is_proved(found.main, recalled, parts[-1][1])
+        proved = tuple(sorted(chains, key=lambda one: one.since_s))
     kept = [part.leaving(_refitted(part.plan, left, recalled, refit)) for part, left in parts]
     return NarrowedAnswer(
         found.with_parts(kept),
@@ -357,15 +365,12 @@ def _what_is_proved(found: Part, recalled: Recollection, oldest: Remaining) -> I
         return
     if recalled.pose_sets.of_whole_memory:
         return
+    yield from recalled.waiting
     stamp_s = recalled.snapshot.stamp_s
-    step_s = chain_seconds(recalled.snapshot.config) / CHAIN_STEPS
     for chain, carried in enumerate(recalled.chains):
-        if chain and carried and carried.age_s < step_s:
-            yield carried.proved
-            continue
         left = recalled.narrow(listed, frame, chain) if chain else oldest
         if left.placements:
-            since_s = carried.proved.since_s if carried else stamp_s
+            since_s = carried.since_s if carried else stamp_s
             yield Proved(left.placements, frame, stamp_s, since_s)
 
 
