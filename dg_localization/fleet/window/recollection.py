@@ -82,9 +82,9 @@ Refit = Callable[[FramePlan, Placement], Placement]
 
 class BusyClock:
     """
-    The processor time of this thread, and at least a third of the time on the wall; can be paused.
+    A clock of the processor time of this thread, or a third of the wall-clock time if more.
 
-    Time on the wall would also count the work of other threads.
+    Wall-clock time alone would count the work of other threads. The clock can be paused.
     """
 
     def __init__(self) -> None:
